@@ -1,0 +1,5 @@
+"""Verbs; no logic."""
+
+from trackfield.cli.app import main
+
+__all__ = ["main"]

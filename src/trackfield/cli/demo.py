@@ -1,0 +1,7 @@
+"""`trackfield demo`."""
+
+from __future__ import annotations
+
+
+def demo() -> None:
+    """Demo."""

@@ -1,0 +1,90 @@
+"""What verbs say: results on standard output, progress and warnings on standard error."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from trackfield.errors import ConfigurationError, TrackfieldError
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
+
+
+class RunError(TrackfieldError):
+    """The input was sound and the run still came to nothing; exit 1."""
+
+
+def say(text: str) -> None:
+    """Tell a result."""
+    sys.stdout.write(f"{text}\n")
+
+
+def warn(text: str) -> None:
+    """Tell of what may be wrong."""
+    sys.stderr.write(f"warning: {text}\n")
+
+
+def emit(result: Mapping[str, Any]) -> None:
+    """Print the one object of `--json`."""
+    sys.stdout.write(json.dumps(result, allow_nan=False) + "\n")
+
+
+def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str = "") -> None:
+    """Print a table; all columns but the first are flush right."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*columns[:1], box=SIMPLE_HEAD, title=title or None, title_justify="left")
+    for column in columns[1:]:
+        table.add_column(column, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    Console(file=sys.stdout, highlight=False).print(table)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Write a number of a table; a dash for one that is not known."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on standard error while the block runs, moved by calls with shares 0 to 1.
+
+    Without a terminal there is none.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    ) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def check_figure(path: Path) -> None:
+    """Refuse, before the work, a figure that could not be written after it."""
+    try:
+        from trackfield.plotting import kind_of
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        problem = f"{path}: drawing needs Matplotlib; install trackfield[plot]"
+        raise ConfigurationError([problem]) from None
+    kind_of(path)

@@ -1,0 +1,1 @@
+"""Belief over time: Kalman filters, interacting models, robust weights, smoothing."""

@@ -1,0 +1,1 @@
+"""From the readings of one scan to a position: reports, starts, bounds."""

@@ -1,0 +1,1 @@
+"""Where sensors stand and what they are: the site."""

@@ -1,0 +1,226 @@
+"""A site's TOML file: read with every fault listed at once, written back with what was learned."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from trackfield.errors import ConfigurationError
+from trackfield.network.sensors_file import (
+    Sensor,
+    read_text,
+    repeated_sensors,
+    sensors_from_csv,
+    sensors_from_tables,
+)
+from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
+from trackfield.network.site_schema import SITE_FILE, find_faults, nearest, path_text
+from trackfield.sensing.range import UNCALIBRATED, RangeModel
+
+DEFAULT_MODEL = "range"
+_Table = Mapping[str, Any]
+_TABLES = ("kind", "sensors", "targets")  # in a `[models.NAME]`, what is no parameter
+_DOUBTS = {
+    "bias_m": ("bias_sigma_m", "common_bias_sigma_m"),
+    "scale": ("scale_sigma",),
+    "sigma_m": ("correlated_sigma_m", "learn_noise"),
+    "sigma_scale": ("correlated_sigma_m", "learn_noise"),
+}
+
+
+def load_site(path: str | Path) -> Site:
+    """Read a site's file and the sensors' file it names; `ConfigurationError` lists all faults."""
+    path = Path(path)
+    text, problems = read_text(path)
+    if problems:
+        raise ConfigurationError(problems)
+    return site_from_toml(text, path.parent, str(path))
+
+
+def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
+    """Read the site that `text` says; its sensors' file is looked for in `folder`.
+
+    `name` is what messages call the file. `ConfigurationError` lists all faults.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError([f"{name}: not TOML: {error}"]) from None
+    listed, file = document.pop("sensors", None), _sensors_file(document)
+    faults = find_faults(SITE_FILE, document)
+    problems = [f"{name}: {path_text(path)}: {sentence}" for path, sentence in faults]
+    models = _names_of_models(document)
+    faulty = {path[0] for path, _ in faults}
+    # Sound sections are checked further even so, because all faults are told at once.
+    sound = {key: value for key, value in document.items() if key not in faulty}
+    document = SITE_FILE.model_validate(sound).model_dump(exclude_unset=True)
+
+    sensors_file = folder / file if file is not None else None
+    sensors, found = _sensors(listed, sensors_file, name)
+    problems += [*found, *repeated_sensors(sensors)]
+    if not (sensors or found or faulty & {"site", "sensors_file"}):
+        expected = "a line a sensor" if sensors_file else "[[sensors]] or sensors_file = 'FILE.csv'"
+        problems.append(f"{sensors_file or name}: found no sensors, expected {expected}")
+    if listed is not None and file is not None:
+        problems.append(f"{name}: found both [[sensors]] and sensors_file, expected one of them")
+    problems += _model_problems(sensors, models, name)
+    if not found:  # else a sensor may only seem to be unknown
+        problems += _own_problems(sensors, document.get("models", {}), name)
+    if "groups" not in faulty:
+        problems += _group_problems(sensors, document.get("groups", []), name)
+    problems += _target_problems(sensors, document.get("target", {}), name)
+    if problems:
+        raise ConfigurationError(problems)
+    return _site(document, sensors, sensors_file, Path(name).stem)
+
+
+def _sensors_file(document: _Table) -> str | None:
+    """Find the name of the sensors' file; it may stand in `[site]` or before all tables."""
+    for table in (document.get("site"), document):
+        if isinstance(table, Mapping):
+            file = cast("_Table", table).get("sensors_file")
+            if isinstance(file, str):
+                return file
+    return None
+
+
+def _names_of_models(document: _Table) -> list[str]:
+    """Find the names of the models, sound or not."""
+    models = document.get("models")
+    return list(cast("_Table", models)) if isinstance(models, Mapping) else []
+
+
+def _sensors(listed: object, file: Path | None, name: str) -> tuple[list[Sensor], list[str]]:
+    if listed is not None:
+        return sensors_from_tables(listed, name)
+    if file is None:
+        return [], []
+    text, problems = read_text(file)
+    if problems:
+        return [], [f"{name}: sensors_file: {problem}" for problem in problems]
+    return sensors_from_csv(text, str(file))
+
+
+def _model_problems(sensors: list[Sensor], models: list[str], name: str) -> Iterator[str]:
+    """Models that are named and not there, and sensors that do not say which is theirs."""
+    for sensor in sensors:
+        if sensor.model is None and len(models) > 1:
+            yield (
+                f"{sensor.where}: model: {sensor.sensor_id!r} names no model, "
+                f"expected one of: {', '.join(models)}"
+            )
+        elif sensor.model is not None and sensor.model not in models:
+            yield (
+                f"{sensor.where}: model: found {sensor.model!r}, expected a model of {name}; "
+                f"{nearest(sensor.model, models)}"
+            )
+
+
+def _own_problems(sensors: list[Sensor], models: _Table, name: str) -> Iterator[str]:
+    """Parameters of sensors that are not there or have another model, or that no range can have."""
+    model_of = {s.sensor_id: s.model or next(iter(models), "") for s in sensors}
+    for model, table in models.items():
+        where = f"{name}: models.{model}"
+        targets: _Table = table.get("targets", {})
+        named = [(where, table)] + [(f"{where}.targets.{t}", own) for t, own in targets.items()]
+        for path, own in named:
+            for sensor_id in own.get("sensors", {}):
+                here = f"{path}.sensors.{sensor_id}"
+                if sensor_id not in model_of:
+                    yield f"{here}: found an unknown sensor; {nearest(sensor_id, model_of)}"
+                elif model_of[sensor_id] != model:
+                    yield f"{here}: found a sensor of model {model_of[sensor_id]!r}"
+        for sensor_id, target in product(
+            [s for s, m in model_of.items() if m == model], (None, *targets)
+        ):
+            parameters = believed(_given(table, sensor_id, target))
+            if parameters.sigma_m == 0 == parameters.sigma_scale:
+                yield (
+                    f"{where}: found sigma_m = 0 and sigma_scale = 0 for {sensor_id!r}, "
+                    "expected one of them above 0: no range is exact"
+                )
+                break
+
+
+def _group_problems(sensors: list[Sensor], groups: list[_Table], name: str) -> Iterator[str]:
+    ids = [group["id"] for group in groups]
+    for number, group_id in enumerate(ids):
+        if group_id in ids[:number]:
+            yield f"{name}: groups[{number + 1}].id: found {group_id!r} a second time"
+    for sensor in sensors:
+        if sensor.group is not None and sensor.group not in ids:
+            yield (
+                f"{sensor.where}: group: found {sensor.group!r}, expected a group of {name}; "
+                f"{nearest(sensor.group, ids)}"
+            )
+
+
+def _target_problems(sensors: list[Sensor], target: _Table, name: str) -> Iterator[str]:
+    flat = [s.sensor_id for s in sensors if math.isnan(s.position[2])]
+    volume = target.get("dimensions") == 3
+    if volume and flat:
+        some = ", ".join(flat[:5]) + (", ..." if len(flat) > 5 else "")
+        yield f"{name}: target.dimensions: found 3, expected a z_m of every sensor; none for {some}"
+    if "height_m" in target and volume:
+        yield f"{name}: target.height_m: found with dimensions = 3, expected with 2 only"
+    elif "height_m" in target and sensors and len(flat) == len(sensors):
+        yield f"{name}: target.height_m: found {target['height_m']}, expected sensors with z_m"
+
+
+def believed(given: _Table) -> RangeModel:
+    """Make a model of the parameters that a person gave.
+
+    What is told is believed: a bias, scale or noise that is given has no doubt but what is given
+    with it. What is not told is as in `UNCALIBRATED`, doubted and learned on line.
+    """
+    doubts = [doubt for key, of_key in _DOUBTS.items() if key in given for doubt in of_key]
+    exact = {doubt: getattr(RangeModel(), doubt) for doubt in doubts}
+    return replace(UNCALIBRATED, **{**exact, **given})
+
+
+def _given(model: _Table, sensor_id: str, target: str | None) -> dict[str, Any]:
+    """Parameters that `model` gives a sensor, or the pair of it and a target; the nearest count."""
+    nothing: _Table = {}
+    of_target: _Table = model.get("targets", nothing).get(target, nothing)
+    layers: list[_Table] = [
+        model,
+        model.get("sensors", nothing).get(sensor_id, nothing),
+        of_target,
+        of_target.get("sensors", nothing).get(sensor_id, nothing),
+    ]
+    return {k: v for layer in layers for k, v in layer.items() if k not in _TABLES}
+
+
+def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str) -> Site:
+    models: _Table = document.get("models") or {DEFAULT_MODEL: {}}
+    names = [sensor.model or next(iter(models)) for sensor in sensors]
+
+    def of(target: str | None) -> tuple[RangeModel, ...]:
+        return tuple(
+            believed(_given(models[name], sensor.sensor_id, target))
+            for name, sensor in zip(names, sensors, strict=True)
+        )
+
+    targets = {t: None for model in models.values() for t in model.get("targets", {})}
+    site: _Table = document.get("site", {})
+    return Site(
+        name=site.get("name", stem),
+        sensor_ids=tuple(sensor.sensor_id for sensor in sensors),
+        positions=np.array([sensor.position for sensor in sensors]),
+        models=of(None),
+        target=Target(**document.get("target", {})),
+        tracker=TrackerSettings(**document.get("tracker", {})),
+        origin=Origin(**site["origin"]) if "origin" in site else None,
+        groups=tuple(Group(**group) for group in document.get("groups", [])),
+        model_names=tuple(names),
+        sensor_groups=tuple(sensor.group for sensor in sensors),
+        sensors_file=file,
+        target_models={target: of(target) for target in targets},
+    )

@@ -1,0 +1,151 @@
+"""A site written as TOML, so that reading it again gives the same site."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from trackfield.errors import InputError
+from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
+from trackfield.network.site_file import DEFAULT_MODEL
+from trackfield.sensing.range import UNCALIBRATED, RangeModel
+
+_Table = dict[str, Any]
+_Value = float | bool | None
+_Parameters = dict[str, _Value]
+
+
+def write_site(site: Site, path: str | Path, *, comment: str = "") -> None:
+    """Write `site` to `path`, whole or not at all; `InputError` if that cannot be.
+
+    Sensors that came from a file stay in it: the written site names that file relative to itself.
+    """
+    path = Path(path)
+    text = "".join(f"# {line}\n" for line in comment.splitlines()) + site_text(site, path.parent)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def site_text(site: Site, folder: Path) -> str:
+    """TOML of `site` as a file in `folder`; `site_from_toml` makes an equal site of it."""
+    head: _Table = {"name": site.name, "frame": "local"}
+    if site.origin is not None:
+        head["origin"] = _given(asdict(site.origin), Origin)
+    if site.sensors_file is not None:
+        head["sensors_file"] = relative_path(site.sensors_file, folder)
+    document: _Table = {"site": head}
+    if site.sensors_file is None:
+        document["sensors"] = _sensors(site)
+    document["models"] = _models(site)
+    document["target"] = _given(asdict(site.target), Target)
+    document["tracker"] = _given(asdict(site.tracker), TrackerSettings)
+    document["groups"] = [_given(asdict(group), Group) for group in site.groups]
+    return tomli_w.dumps({key: value for key, value in document.items() if value})
+
+
+def relative_path(file: Path, folder: Path) -> str:
+    """How `folder` names `file`: "../a/b.csv"; the full path where they share no root."""
+    file, folder = file.resolve(), folder.resolve()
+    if file.anchor != folder.anchor:
+        return file.as_posix()
+    shared = 0
+    for ours, theirs in zip(file.parts, folder.parts, strict=False):
+        if ours != theirs:
+            break
+        shared += 1
+    up = [".."] * (len(folder.parts) - shared)
+    return "/".join([*up, *file.parts[shared:]])
+
+
+def _given(values: _Table, cls: type) -> _Table:
+    """Those of the values that are not the defaults of dataclass `cls`."""
+    default = {field.name: field.default for field in fields(cls)}
+    return {key: value for key, value in values.items() if value != default[key]}
+
+
+def _sensors(site: Site) -> list[_Table]:
+    names, groups = _model_names(site), site.sensor_groups or (None,) * len(site.sensor_ids)
+    several = len(set(names)) > 1
+    tables: list[_Table] = []
+    for sensor_id, position, name, group in zip(
+        site.sensor_ids, site.positions, names, groups, strict=True
+    ):
+        x, y, z = (float(c) for c in position)
+        table: _Table = {"sensor_id": sensor_id, "x_m": x, "y_m": y}
+        table |= {} if math.isnan(z) else {"z_m": z}
+        table |= {"model": name} if several else {}
+        table |= {} if group is None else {"group": group}
+        tables.append(table)
+    return tables
+
+
+def _model_names(site: Site) -> tuple[str, ...]:
+    return site.model_names or (DEFAULT_MODEL,) * len(site.sensor_ids)
+
+
+def _models(site: Site) -> _Table:
+    """`[models.NAME]` with what most of its sensors share; what differs stands with the sensor.
+
+    What a target has of its own stands under it, with its sensors.
+    """
+    members: dict[str, list[int]] = {}
+    for i, name in enumerate(_model_names(site)):
+        members.setdefault(name, []).append(i)
+    tables: _Table = {}
+    for name, places in members.items():
+        ids = [site.sensor_ids[i] for i in places]
+        values = [_parameters(site.models[i]) for i in places]
+        common = {key: _typical([given[key] for given in values]) for key in values[0]}
+        table = _shared(ids, [common] * len(ids), values)
+        table["targets"] = {
+            target: _shared(ids, values, [_parameters(models[i]) for i in places])
+            for target, models in site.target_models.items()
+        }
+        # What is off by default and off here need not be said.
+        usual = _parameters(UNCALIBRATED)
+        common = {
+            k: v for k, v in common.items() if v is not None and not v == usual[k] == math.inf
+        }
+        tables[name] = {"kind": "range", **common, **{k: v for k, v in table.items() if v}}
+    return tables
+
+
+def _shared(ids: list[str], above: list[_Parameters], wanted: list[_Parameters]) -> _Table:
+    """Tell what sensors `ids` have in place of what stands `above`: shared first, then own."""
+    keys = wanted[0].keys()
+    same = {k: wanted[0][k] for k in keys if all(own[k] == wanted[0][k] for own in wanted)}
+    shared = {k: v for k, v in same.items() if any(up[k] != v for up in above)}
+    own = {
+        sensor_id: {k: v for k, v in values.items() if v != {**up, **shared}[k]}
+        for sensor_id, up, values in zip(ids, above, wanted, strict=True)
+    }
+    sensors = {sensor_id: values for sensor_id, values in own.items() if values}
+    return {**shared, **({"sensors": sensors} if sensors else {})}
+
+
+def _parameters(model: RangeModel) -> _Parameters:
+    """Parameters as plain values of TOML."""
+    return {
+        key: value.item() if isinstance(value, np.generic) else value
+        for key, value in asdict(model).items()
+    }
+
+
+def _typical(values: list[_Value]) -> _Value:
+    """Find what most share, else the middle one: a fair guess for a sensor that joins later."""
+    given = sorted(value for value in values if value is not None)
+    if len(given) < len(values):  # TOML has no None: what one sensor leaves out, all leave out
+        return None
+    value, count = Counter(given).most_common(1)[0]
+    return value if 2 * count > len(given) else given[(len(given) - 1) // 2]

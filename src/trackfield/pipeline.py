@@ -1,0 +1,264 @@
+"""The stages joined as operators: readings in, rows of tracks out; process, snapshot, restore.
+
+One operator serves batch, replay and live runs; they differ only in where readings come from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from collections.abc import Iterable
+from dataclasses import astuple
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackfield.errors import ConfigurationError, InputError, StateError
+from trackfield.filtering.range_tracker import Output, create
+from trackfield.network.geometry import geometry
+from trackfield.network.site import Site
+from trackfield.types import Indices, Readings, Tracks, Vector, concatenate_tracks
+
+_MAGIC = b"TRACKFLD"
+_VERSION = 1
+_ANONYMOUS = ""  # the one target of readings that name none
+
+
+class Run(NamedTuple):
+    """Outcome of a whole run: rows in order of time, and how readings fared."""
+
+    tracks: Tracks
+    counts: dict[str, int]
+
+
+class Tracker:
+    """Tracks tagged targets from ranges: an operator with `process`, `snapshot`, `restore`.
+
+    Readings may come one by one or in tables of any size, out of order within the site's
+    `window_s`, from any number of targets. A target's scan (its readings of one time) is closed by
+    its next reading, by the watermark, or by `finish`; so the rows do not depend on how the
+    readings were cut into tables. A late reading rewinds its target and is replayed; rows once
+    shown are not revised.
+
+    `lag_s` (or `lag_steps`, in updates) asks for smoothed rows that much later, `every_s` thins
+    the rows and adds coasting ones where a target is silent.
+    """
+
+    def __init__(
+        self, site: Site, *, lag_s: float = 0.0, lag_steps: int = 0, every_s: float = 0.0
+    ) -> None:
+        problems = geometry(site).problems
+        if problems:
+            raise ConfigurationError([f"site {site.name}: {problem}" for problem in problems])
+        self._site = site
+        self._output = Output(lag_s, lag_steps, every_s)
+        self._bank = create(site, self._output)
+        self._sensors = {name: i for i, name in enumerate(site.sensor_ids)}
+        self._variants = {name: i + 1 for i, name in enumerate(site.target_models)}
+        columns = [site.models, *site.target_models.values()]
+        self._offsets = np.array([[m.clock_offset_s for m in models] for models in columns])
+        self._targets: dict[str, int] = {}
+        self._tracks: dict[tuple[int, int], int] = {}
+        self._heard = np.zeros(len(site.sensor_ids), bool)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How readings fared: accepted, duplicate, late, out_of_range; tracks started, restarted, ended."""
+        return self._bank.counts()
+
+    @property
+    def heard(self) -> tuple[str, ...]:
+        """Sensors that have spoken."""
+        return tuple(self._site.sensor_ids[i] for i in np.flatnonzero(self._heard))
+
+    def process(self, readings: Readings, *, watermark_s: float | None = None) -> Tracks:
+        """Take readings, in order of arrival; return the rows that are settled now.
+
+        No reading with a time up to `watermark_s` may follow, but for late ones.
+        """
+        if len(readings):
+            self._add(readings)
+        if watermark_s is not None:
+            self._bank.advance(watermark_s)
+        return self._take()
+
+    def finish(self) -> Tracks:
+        """Close all scans and return the remaining rows, those that wait for their lag too."""
+        self._bank.finish()
+        return self._take()
+
+    def snapshot(self) -> bytes:
+        """State of the run as bytes: a versioned header and the kernel's own; not pickle."""
+        head = json.dumps(
+            {
+                "targets": list(self._targets),
+                "tracks": [[*key, number] for key, number in self._tracks.items()],
+                "heard": np.flatnonzero(self._heard).tolist(),
+            }
+        ).encode()
+        return b"".join(
+            (
+                _MAGIC,
+                struct.pack("<HI", _VERSION, len(head)),
+                self._digest(),
+                head,
+                self._bank.snapshot(),
+            )
+        )
+
+    def restore(self, data: bytes) -> None:
+        """Take up the run where `snapshot` left it: all that follows is the same bit by bit."""
+        start = len(_MAGIC) + 6
+        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 32:
+            raise StateError("found bytes that are not a tracker's snapshot")
+        version, size = struct.unpack_from("<HI", data, len(_MAGIC))
+        if version != _VERSION:
+            raise StateError(f"found a snapshot of version {version}, expected {_VERSION}")
+        if data[start : start + 32] != self._digest():
+            raise StateError("found a snapshot of another site or of other options than this tracker's")
+        start += 32
+        try:
+            head = json.loads(data[start : start + size])
+            self._bank.restore(data[start + size :])
+        except (ValueError, RuntimeError) as error:
+            raise StateError(f"found a damaged snapshot: {error}") from error
+        self._targets = {name: i for i, name in enumerate(head["targets"])}
+        self._tracks = {(target, count): number for target, count, number in head["tracks"]}
+        self._heard[:] = False
+        self._heard[head["heard"]] = True
+
+    def _digest(self) -> bytes:
+        """Fingerprint of all that the kernel was made from."""
+        site = self._site
+        parts = (
+            site.sensor_ids,
+            site.positions.tolist(),
+            [astuple(m) for m in site.models],
+            {name: [astuple(m) for m in models] for name, models in site.target_models.items()},
+            astuple(site.target),
+            astuple(site.tracker),
+            self._output,
+        )
+        return hashlib.sha256(repr(parts).encode()).digest()
+
+    def _add(self, readings: Readings) -> None:
+        sensor = self._sensor_numbers(readings)
+        target = self._target_numbers(readings)
+        t = readings.t_s
+        if np.any(self._offsets):
+            t = t + self._offsets[self._variant_numbers()[target], sensor]
+        self._heard[sensor] = True
+        columns = (target, t, sensor, readings.value, readings.sigma)
+        arrival = np.where(np.isnan(readings.arrival_s), readings.t_s, readings.arrival_s)
+        if np.any(~np.isnan(readings.arrival_s)) and np.any(np.diff(arrival) < 0):
+            order = np.argsort(arrival, kind="stable")
+            columns = tuple(column[order] for column in columns)
+        self._bank.add(*(np.ascontiguousarray(column) for column in columns))
+
+    def _sensor_numbers(self, readings: Readings) -> Indices:
+        numbers = np.empty(len(readings.sensor_ids), np.int32)
+        for i, name in enumerate(readings.sensor_ids):
+            numbers[i] = self._sensors.get(name, -1)
+        sensor = numbers[readings.sensor]
+        if np.any(sensor < 0):
+            row = int(np.argmax(sensor < 0))
+            name = readings.sensor_ids[readings.sensor[row]]
+            raise InputError(f"reading {row + 1}: found sensor {name!r}, which the site does not have")
+        kinds = np.array([kind == "range" for kind in readings.kinds], bool)
+        if not np.all(kinds[readings.kind]):
+            row = int(np.argmin(kinds[readings.kind]))
+            kind = readings.kinds[readings.kind[row]]
+            raise InputError(f"reading {row + 1}: found kind {kind!r}, expected 'range'")
+        return sensor
+
+    def _target_numbers(self, readings: Readings) -> Indices:
+        names = (*readings.target_ids, _ANONYMOUS)
+        # Numbers are given in order of first appearance, so that cutting a run does not change them.
+        _, first = np.unique(readings.target, return_index=True)
+        numbers = np.zeros(len(names), np.int32)
+        for row in np.sort(first):
+            name = names[readings.target[row]]
+            if name not in self._targets:
+                self._targets[name] = len(self._targets)
+                if name in self._variants:
+                    self._bank.assign(self._targets[name], self._variants[name])
+            numbers[readings.target[row]] = self._targets[name]
+        return numbers[readings.target]
+
+    def _variant_numbers(self) -> NDArray[np.intp]:
+        return np.array([self._variants.get(name, 0) for name in self._targets], np.intp)
+
+    def _take(self) -> Tracks:
+        t, count, position, velocity, covariance, status, target, nis = self._bank.take()
+        names = tuple(self._targets)
+        if _ANONYMOUS in self._targets:
+            named = np.where(target == self._targets[_ANONYMOUS], np.int32(-1), target)
+        else:
+            named = target
+        return Tracks(
+            t_s=t,
+            track=self._track_numbers(target, count),
+            position=position,
+            velocity=velocity,
+            covariance=covariance,
+            status=status,
+            target=named,
+            nis=nis,
+            target_ids=names,
+        )
+
+    def _track_numbers(self, target: Indices, count: Indices) -> Indices:
+        """Number tracks in order of appearance, whatever target they belong to."""
+        if not target.size:
+            return target
+        key = target.astype(np.int64) << 32 | count
+        distinct, first, where = np.unique(key, return_index=True, return_inverse=True)
+        numbers = np.empty(distinct.size, np.int32)
+        for i in np.argsort(first):
+            pair = (int(distinct[i] >> 32), int(distinct[i] & 0xFFFFFFFF))
+            numbers[i] = self._tracks.setdefault(pair, len(self._tracks) + 1)
+        return numbers[where]
+
+
+def track(
+    site: Site,
+    readings: Readings | Iterable[Readings],
+    *,
+    lag_s: float = 0.0,
+    lag_steps: int = 0,
+    every_s: float = 0.0,
+) -> Run:
+    """Track all targets of a whole run; rows in order of time.
+
+    Raises `InputError` if no track could start because too little was heard.
+    """
+    tracker = Tracker(site, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
+    chunks = (readings,) if isinstance(readings, Readings) else readings
+    parts = [tracker.process(chunk) for chunk in chunks]
+    parts.append(tracker.finish())
+    require_tracks(tracker)
+    return Run(sort_rows(concatenate_tracks(parts)), tracker.counts)
+
+
+def require_tracks(tracker: Tracker) -> None:
+    """Raise `InputError` if a finished run started no track, saying what was missing."""
+    counts = tracker.counts
+    if counts["started"] or not counts["accepted"]:
+        return
+    raise InputError(
+        f"found {counts['accepted']} usable readings from {len(tracker.heard)} sensors "
+        f"({', '.join(tracker.heard[:8])}) and no time at which a track could start, "
+        "expected at least 6 readings of one target from 3 sensors within 4 s"
+    )
+
+
+def sort_rows(tracks: Tracks) -> Tracks:
+    """Rows in order of time; rows of one time stay in the order of their tracks."""
+    order: NDArray[np.intp] = np.lexsort((tracks.track, tracks.t_s))
+    columns: dict[str, Vector] = {
+        name: getattr(tracks, name)[order]
+        for name in ("t_s", "track", "position", "velocity", "covariance", "status", "target", "nis")
+    }
+    return Tracks(**columns, target_ids=tracks.target_ids)  # pyright: ignore[reportArgumentType] - integer columns keep their type

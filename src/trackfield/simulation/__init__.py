@@ -1,0 +1,1 @@
+"""Worlds that make readings: Sources like any other."""

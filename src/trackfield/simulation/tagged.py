@@ -1,0 +1,167 @@
+"""Tagged targets: simulated ranges as the tables that a recording has, and a world of many targets.
+
+All of it works on whole arrays: a thousand targets over a thousand steps are a few seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfield.network.site import Site
+from trackfield.sensing.range import RangeModel
+from trackfield.simulation.roads import Nlos, times
+from trackfield.types import Indices, Matrix, Readings, Truth, Vector
+
+
+class World(NamedTuple):
+    """How `wander` moves its targets, and how often their tags are ranged."""
+
+    targets: int = 10
+    steps: int = 100
+    dt_s: float = 0.1
+    speed_m_s: float = 1.0
+    accel_sigma_m_s2: float = 0.2
+    height_m: float = 0.0
+
+
+def to_readings(
+    t_s: Vector, ranges: Matrix, sensor_ids: tuple[str, ...], target_ids: tuple[str, ...] = ("0",)
+) -> Readings:
+    """Table of the ranges (K, n) of one target, or (targets, K, n) of several; NaN says nothing.
+
+    Rows are in order of time, then target, then sensor.
+    """
+    cube = np.moveaxis(ranges if ranges.ndim == 3 else ranges[None], 0, 1)
+    step, target, sensor = (i.astype(np.int32) for i in np.nonzero(~np.isnan(cube)))
+    return _table(t_s[step], target, sensor, cube[step, target, sensor], (sensor_ids, target_ids))
+
+
+def to_truth(t_s: Vector, states: Matrix, target_ids: tuple[str, ...] = ("0",)) -> Truth:
+    """Table of the states (K, 4) of one target, or (targets, K, 4) of several, [x, y, vx, vy].
+
+    Rows are in order of time, then target; the height is unknown (NaN).
+    """
+    cube = np.moveaxis(states if states.ndim == 3 else states[None], 0, 1)
+    steps, targets = cube.shape[:2]
+    position = np.full((steps * targets, 3), np.nan)
+    position[:, :2] = cube[..., :2].reshape(-1, 2)
+    return Truth(
+        t_s=np.repeat(t_s, targets),
+        target=np.tile(np.arange(targets, dtype=np.int32), steps),
+        position=position,
+        target_ids=target_ids,
+    )
+
+
+def wander(
+    rng: np.random.Generator, site: Site, world: World, *, nlos: Nlos | None = None
+) -> tuple[Readings, Truth]:
+    """Targets on random constant-velocity paths inside the sensors' bounding box, and their ranges.
+
+    Every step, every sensor in range of a target reads its distance under the sensor's own model
+    (bias, scale, both noises and the error that stays alike over `correlation_length_m`).
+    """
+    states = paths(rng, site, world)
+    t_s = times(world.steps, world.dt_s)
+    steps, targets = states.shape[:2]
+    anchors = np.where(np.isnan(site.positions), world.height_m, site.positions)
+    noise = _Noise(site.models)
+    columns: list[tuple[Indices, Indices, Indices, Vector]] = []
+    correlated = np.zeros((targets, len(site.models)))
+    for k in range(steps):
+        moved = world.dt_s * np.hypot(states[k, :, 2], states[k, :, 3]) if k else np.inf
+        distance = _distances(states[k, :, :2], anchors, world.height_m)
+        correlated = noise.next(rng, correlated, np.broadcast_to(moved, (targets,)))
+        z = noise.apply(rng, distance, correlated)
+        if nlos is not None:
+            late = rng.random(z.shape) < nlos.probability
+            z[late] += rng.exponential(nlos.mean_m, int(late.sum()))
+        target, sensor = (i.astype(np.int32) for i in np.nonzero(distance <= noise.max_range))
+        step = np.full(target.size, k, dtype=np.int32)
+        columns.append((step, target, sensor, z[target, sensor]))
+    step, target, sensor, value = (np.concatenate(c) for c in zip(*columns, strict=True))
+    names = tuple(f"tag{i}" for i in range(targets))
+    readings = _table(t_s[step], target, sensor, np.maximum(value, 0.0), (site.sensor_ids, names))
+    return readings, to_truth(t_s, np.moveaxis(states, 0, 1), names)
+
+
+def paths(rng: np.random.Generator, site: Site, world: World) -> Matrix:
+    """States (steps, targets, 4) at times dt, 2 dt, ...: noisy constant velocity, off the walls."""
+    low = np.nanmin(site.positions[:, :2], axis=0)
+    high = np.nanmax(site.positions[:, :2], axis=0)
+    position = rng.uniform(low, high, (world.targets, 2))
+    heading = rng.uniform(-math.pi, math.pi, world.targets)
+    velocity = world.speed_m_s * np.column_stack([np.cos(heading), np.sin(heading)])
+    states = np.empty((world.steps, world.targets, 4))
+    for k in range(world.steps):
+        accel = world.accel_sigma_m_s2 * rng.standard_normal((world.targets, 2))
+        position = position + world.dt_s * velocity + 0.5 * world.dt_s**2 * accel
+        velocity = velocity + world.dt_s * accel
+        for wall, sign in ((low, 1.0), (high, -1.0)):
+            out = sign * (position - wall) < 0.0
+            position = np.where(out, 2.0 * wall - position, position)
+            velocity = np.where(out, sign * np.abs(velocity), velocity)
+        position = np.clip(position, low, high)
+        states[k] = np.hstack([position, velocity])
+    return states
+
+
+class _Noise:
+    """The sensors' range models as columns (n,)."""
+
+    def __init__(self, models: tuple[RangeModel, ...]) -> None:
+        self.gain = np.array([1.0 + m.scale for m in models])
+        self.bias = np.array([m.bias_m for m in models])
+        self.sigma = np.array([m.sigma_m for m in models])
+        self.sigma_scale = np.array([m.sigma_scale for m in models])
+        self.max_range = np.array([m.max_range_m for m in models])
+        self.correlated_sigma = np.array([m.correlated_sigma_m for m in models])
+        self.length = np.array([m.correlation_length_m for m in models])
+
+    def next(self, rng: np.random.Generator, errors: Matrix, moved: Vector) -> Matrix:
+        """Correlated errors (targets, n) after the targets moved by `moved` (targets,)."""
+        if not self.correlated_sigma.any():
+            return errors
+        keep = np.exp(-moved[:, None] / self.length)
+        fresh = self.correlated_sigma * rng.standard_normal(errors.shape)
+        return keep * errors + np.sqrt(1.0 - keep**2) * fresh
+
+    def apply(self, rng: np.random.Generator, distance: Matrix, correlated: Matrix) -> Matrix:
+        sigma = np.hypot(self.sigma, self.sigma_scale * distance)
+        white = sigma * rng.standard_normal(distance.shape)
+        return self.gain * distance + self.bias + correlated + white
+
+
+def _distances(position: Matrix, anchors: Matrix, height: float) -> Matrix:
+    offset = position[:, None, :] - anchors[:, :2]
+    square = offset[..., 0] ** 2 + offset[..., 1] ** 2
+    if anchors.shape[1] > 2:
+        square += (height - anchors[:, 2]) ** 2
+    return np.sqrt(square)
+
+
+def _table(
+    t_s: Vector,
+    target: Indices,
+    sensor: Indices,
+    value: Vector,
+    names: tuple[tuple[str, ...], tuple[str, ...]],
+) -> Readings:
+    sensor_ids, target_ids = names
+    size = value.size
+    nothing = np.full(size, np.nan)
+    return Readings(
+        t_s=t_s,
+        sensor=sensor,
+        value=value,
+        target=target,
+        kind=np.zeros(size, dtype=np.int32),
+        sigma=nothing,
+        arrival_s=nothing,
+        sensor_ids=sensor_ids,
+        target_ids=target_ids,
+        kinds=("range",),
+    )
