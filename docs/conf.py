@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
 import trackfield
@@ -19,7 +20,6 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"trackfield {version}"
-html_static_path = ["_static"]
 html_extra_path = ["reference/site.schema.json"]
 templates_path: list[str] = []
 
@@ -56,6 +56,7 @@ def _skip(
 
 
 def setup(app: Sphinx) -> None:
-    """Tell Sphinx of the two rules above."""
+    """Tell Sphinx of the two rules above, and that CSV is plain text."""
+    app.add_lexer("csv", TextLexer)
     app.connect("autodoc-process-docstring", _docstring)
     app.connect("autodoc-skip-member", _skip)

@@ -32,6 +32,7 @@ ROOMS = (
     "motion",
     "linalg",
     "pipeline",
+    "calibration",
     "simulation",
     "metrics",
     "plotting",

@@ -170,6 +170,6 @@ def test_every_page_of_the_docs_can_be_reached() -> None:
     for page in pages()[1:]:
         for block in blocks(page):
             if block.language == "{toctree}":
-                names = [line for line in block.code.split() if not line.startswith(":")]
+                names = [line for line in block.code.splitlines() if line and line[0] != ":"]
                 listed |= {(page.parent / f"{name.removesuffix('.md')}.md") for name in names}
     assert set(pages()[1:]) == listed

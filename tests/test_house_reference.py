@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from pages import DOCS, ROOT
+from trackfield.io import measurements, tracks, truth
+from trackfield.network.site_schema import SENSOR, site_schema
 
 SOURCE = ROOT / "src"
 REFERENCE = DOCS / "reference"
@@ -37,55 +37,52 @@ def test_every_public_module_is_documented_once() -> None:
     assert sorted(documented_modules()) == sorted(public_modules())
 
 
-@pytest.mark.parametrize("module", public_modules())
-def test_every_public_name_has_a_docstring(module: str) -> None:
-    imported = importlib.import_module(module)
-    names = getattr(imported, "__all__", None) or [n for n in vars(imported) if n[0] != "_"]
-    own = [
-        value
-        for value in (getattr(imported, name) for name in names)
-        if callable(value) and getattr(value, "__module__", "").startswith("trackfield")
-    ]
-    assert not [value for value in own if not (value.__doc__ or "").strip()]
-
-
-def rows(page: Path) -> Iterator[list[str]]:
+def rows(text: str) -> Iterator[list[str]]:
     """Rows of the tables of a page whose first cell is code."""
-    for line in page.read_text(encoding="utf-8").splitlines():
+    for line in text.splitlines():
         if line.startswith("| `"):
-            yield [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            yield [cell.strip().strip("`") for cell in line.split("|")[1:-1]]
 
 
-def keys_of(schema: dict, table: dict) -> Iterator[tuple[str, object]]:
-    """Keys of a table of the schema and of all tables in it, as `name` and default."""
-    for name, value in table.get("properties", {}).items():
-        yield name, value.get("default")
-        choices = [value, *value.get("anyOf", [])]
-        for choice in choices:
-            for inner in (choice, choice.get("items", {}), choice.get("additionalProperties", {})):
-                if isinstance(inner, dict) and "$ref" in inner:
-                    yield from keys_of(schema, schema["$defs"][inner["$ref"].split("/")[-1]])
+SECTIONS = {  # of the page, by the names that the tables have in the schema
+    "Site": "[site]",
+    "Origin": "[site.origin]",
+    "Sensor": "[[sensors]]",
+    "RangeModel": "[models.NAME]",
+    "Group": "[[groups]]",
+    "Target": "[target]",
+    "Tracker": "[tracker]",
+}
+PARTS_OF_MODELS = {"RangeParameters", "RangeTarget"}  # documented by the keys of the model itself
 
 
-def test_every_key_of_the_site_is_documented_with_its_default() -> None:
-    from trackfield.network.site_schema import site_schema
-
+def test_every_table_of_the_site_is_documented() -> None:
     schema = site_schema()
-    documented = {cells[0].strip("`"): cells[2].strip("`") for cells in rows(REFERENCE / "site.md")}
-    keys = dict(keys_of(schema, schema))
-    assert len(keys) > 30
-    assert set(keys) == set(documented)
-    for name, default in keys.items():
-        if default is not None and not isinstance(default, dict | list):
-            assert documented[name] == json.dumps(default).strip('"'), name
+    assert {*schema["$defs"]} == {*SECTIONS, *PARTS_OF_MODELS}
+    model = {*schema["$defs"]["RangeModel"]["properties"]}
+    for part in PARTS_OF_MODELS:
+        assert {*schema["$defs"][part]["properties"]} <= model
+    page = (REFERENCE / "site.md").read_text(encoding="utf-8")
+    assert all(re.search(rf"`\[?\[?{key}\b", page) for key in schema["properties"])
+
+
+@pytest.mark.parametrize("table", SECTIONS)
+def test_every_key_of_the_site_is_documented_with_its_default(table: str) -> None:
+    page = (REFERENCE / "site.md").read_text(encoding="utf-8")
+    _, found, section = page.partition(f"\n## `{SECTIONS[table]}`\n")
+    assert found
+    documented = {cells[0]: cells[2] for cells in rows(section.partition("\n## ")[0])}
+    keys = site_schema()["$defs"][table]["properties"]
+    defaults = {key: value.get("default") for key, value in keys.items()}
+    assert documented == {
+        key: "" if value is None else json.dumps(value).strip('"')
+        for key, value in defaults.items()
+    }
 
 
 def test_every_column_of_a_file_is_documented() -> None:
-    from trackfield.io import measurements, tracks, truth
-    from trackfield.network import sensors_file
-
-    documented = {cells[0].strip("`") for cells in rows(REFERENCE / "files.md")}
-    columns = {*sensors_file.COLUMNS}
+    documented = {cells[0] for cells in rows((REFERENCE / "files.md").read_text(encoding="utf-8"))}
+    columns = {*SENSOR.model_fields}
     for module in (measurements, truth, tracks):
         columns |= {*module.SCHEMA.required, *module.SCHEMA.optional}
     assert columns <= documented

@@ -88,6 +88,11 @@ def test_rows_are_matched_by_the_name_of_their_target_not_by_its_number():
     assert score(truth, tracks, target="b").rmse_m == 1.0
 
 
+def test_an_only_target_is_that_of_an_only_truth_whatever_they_are_called():
+    assert score(LINE, make_tracks([1.0], [[2, 3]], names=("b",))).rmse_m == 3.0
+    assert match(LINE, make_tracks([1.0], [[2, 3]], names=("b", "c"))).row.size == 0
+
+
 def test_nameless_rows_are_those_of_the_only_target():
     tracks = make_tracks([1.0], [[2, 3]], target=[-1], names=())
     assert score(LINE, tracks).rmse_m == 3.0
@@ -202,7 +207,7 @@ def test_a_target_that_was_never_tracked_lowers_availability_by_its_time():
         (make_truth([], np.empty((0, 2)), names=()), make_tracks([1], [[0, 0]]), "holds no rows"),
         (LINE, make_tracks([1], [[0, 0]], status=[0]), "none of the 1 rows .* is confirmed"),
         (LINE, make_tracks([99], [[0, 0]]), "tracks at 99 to 99 s, truth at 0 to 10 s"),
-        (LINE, make_tracks([1], [[0, 0]], names=("z",)), "tracks of z, truth of a"),
+        (LINE, make_tracks([1], [[0, 0]], names=("z", "y")), "tracks of z, y, truth of a"),
     ],
 )
 def test_nothing_to_score_says_why(truth, tracks, message):

@@ -1,3 +1,104 @@
-"""trackfield: from the readings of a field of cheap sensors to tracks."""
+"""trackfield: from the readings of a field of cheap sensors to tracks.
+
+The flow, in the order of the rooms:
+
+    io            readings come in from files, tracks go out
+    network       the site: sensors, their places, and which model each has
+    sensing       what one sensor says of a target: expectation, noise, statistics
+    localization  readings of one moment -> a position
+    filtering     belief over time: Kalman filters, mixtures of motions, smoothing
+    pipeline      the stages joined: process / snapshot / restore
+    calibration   a run with truth -> the sensors' models
+    metrics       tracks against truth
+
+This module loads its names when they are first used, because NumPy alone would take longer to
+import than `trackfield --help` may.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from trackfield.api import calibrate, score, track
+    from trackfield.errors import ConfigurationError, InputError, StateError, TrackfieldError
+    from trackfield.io.measurements import (
+        read_readings,
+        readings_from_columns,
+        stream_readings,
+        write_readings,
+    )
+    from trackfield.io.tracks import read_tracks, write_tracks
+    from trackfield.io.truth import read_truth, write_truth
+    from trackfield.network.site import Site
+    from trackfield.network.site_file import load_site, site_from_toml
+    from trackfield.network.site_writer import write_site
+    from trackfield.pipeline import Tracker
+    from trackfield.sensing.range import RangeModel
+    from trackfield.types import Readings, Status, Tracks, Truth
 
 __version__ = "0.1.0"
+
+_ROOMS = {
+    "api": ("calibrate", "score", "track"),
+    "errors": ("ConfigurationError", "InputError", "StateError", "TrackfieldError"),
+    "io.measurements": (
+        "read_readings",
+        "readings_from_columns",
+        "stream_readings",
+        "write_readings",
+    ),
+    "io.tracks": ("read_tracks", "write_tracks"),
+    "io.truth": ("read_truth", "write_truth"),
+    "network.site": ("Site",),
+    "network.site_file": ("load_site", "site_from_toml"),
+    "network.site_writer": ("write_site",),
+    "pipeline": ("Tracker",),
+    "sensing.range": ("RangeModel",),
+    "types": ("Readings", "Status", "Tracks", "Truth"),
+}
+_ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
+
+__all__ = [
+    "ConfigurationError",
+    "InputError",
+    "RangeModel",
+    "Readings",
+    "Site",
+    "StateError",
+    "Status",
+    "Tracker",
+    "TrackfieldError",
+    "Tracks",
+    "Truth",
+    "__version__",
+    "calibrate",
+    "load_site",
+    "read_readings",
+    "read_tracks",
+    "read_truth",
+    "readings_from_columns",
+    "score",
+    "site_from_toml",
+    "stream_readings",
+    "track",
+    "write_readings",
+    "write_site",
+    "write_tracks",
+    "write_truth",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name from the room that defines it."""
+    if name not in _ROOM_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_ROOM_OF[name]}"), name)
+    globals()[name] = value  # the next time it is simply there
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *__all__})

@@ -20,8 +20,10 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from trackfield.calibration import Calibration
 from trackfield.errors import InputError
 from trackfield.network.site import Site
+from trackfield.sensing.range import RangeColumns, columns, expected, variance
 from trackfield.types import Indices, Matrix, Status, Tracks, Truth, Vector
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
@@ -40,16 +42,17 @@ class Errors(NamedTuple):
     error: Matrix
 
 
-class Residuals(NamedTuple):
+class _Points(NamedTuple):
     """Readings of a calibration, (n,) each: what was wrong with them before and after.
 
-    `error_m` is reading minus true distance, `fitted_m` what the calibrated model expects of it,
-    `sigma_m` the standard deviation that the model gives it.
+    `left_m` is reading minus what the calibrated model expects, `fitted_m` the error that it
+    expects, `sigma_m` the standard deviation that it gives the reading.
     """
 
     sensor: Indices
+    target: Indices
     distance_m: Vector
-    error_m: Vector
+    left_m: Vector
     fitted_m: Vector
     sigma_m: Vector
 
@@ -73,24 +76,28 @@ def plot_tracks(
     return figure
 
 
-def plot_calibration(residuals: Residuals, sensor_ids: Sequence[str], *, title: str) -> Figure:
-    """Draw how well calibrated models fit: errors before and after, normality, spread a sensor."""
+def plot_calibration(calibration: Calibration, *, target_ids: Sequence[str], title: str) -> Figure:
+    """Draw how well calibrated models fit: errors before and after, normality, spread a sensor.
+
+    `target_ids` are those of the readings that were calibrated on.
+    """
+    sensor_ids = calibration.site.sensor_ids
+    points = _points(calibration, target_ids)
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     FigureCanvasAgg(figure)
     before, after, normal, spread = figure.subplots(2, 2).ravel()
-    few = _thinned(residuals)
-    _draw_clouds(before, few, few.error_m, names=sensor_ids)
+    few = _thinned(points)
+    _draw_clouds(before, few, few.left_m + few.fitted_m, names=sensor_ids)
     _draw_lines(before, few)
     before.set(title="Before: error of the readings, and the fitted model", ylabel="error [m]")
-    left = few.error_m - few.fitted_m
-    _draw_clouds(after, few, left, names=sensor_ids)
+    _draw_clouds(after, few, few.left_m, names=sensor_ids)
     after.axhline(0.0, color="black", linewidth=0.8)
     after.set(title="After: what the model leaves", ylabel="residual [m]")
-    for axes, values in ((before, few.error_m), (after, left)):
+    for axes, values in ((before, few.left_m + few.fitted_m), (after, few.left_m)):
         axes.set_xlabel("true distance [m]")
         _limit(axes, values)
-    _draw_quantiles(normal, (residuals.error_m - residuals.fitted_m) / residuals.sigma_m)
-    _draw_spread(spread, residuals, sensor_ids)
+    _draw_quantiles(normal, points.left_m / points.sigma_m)
+    _draw_spread(spread, points, sensor_ids)
     figure.suptitle(title)
     return figure
 
@@ -232,7 +239,7 @@ def _draw_nis(axes: Axes, tracks: Tracks, shown: NDArray[np.bool_]) -> None:
     axes.legend(loc="upper right", fontsize=9, ncols=2)
 
 
-def _draw_clouds(axes: Axes, few: Residuals, values: Vector, *, names: Sequence[str]) -> None:
+def _draw_clouds(axes: Axes, few: _Points, values: Vector, *, names: Sequence[str]) -> None:
     for sensor in np.unique(few.sensor):
         own = few.sensor == sensor
         colour = PALETTE[int(sensor) % len(PALETTE)]
@@ -248,9 +255,9 @@ def _draw_clouds(axes: Axes, few: Residuals, values: Vector, *, names: Sequence[
         axes.legend(fontsize=8, ncols=2, markerscale=3, loc="upper left")
 
 
-def _draw_lines(axes: Axes, few: Residuals) -> None:
-    for sensor in np.unique(few.sensor):
-        own = np.flatnonzero(few.sensor == sensor)
+def _draw_lines(axes: Axes, few: _Points) -> None:
+    for sensor, target in np.unique(np.column_stack([few.sensor, few.target]), axis=0):
+        own = np.flatnonzero((few.sensor == sensor) & (few.target == target))
         ends = own[[np.argmin(few.distance_m[own]), np.argmax(few.distance_m[own])]]
         colour = PALETTE[int(sensor) % len(PALETTE)]
         axes.plot(few.distance_m[ends], few.fitted_m[ends], color="white", linewidth=3.5)
@@ -271,11 +278,10 @@ def _draw_quantiles(axes: Axes, scaled: Vector) -> None:
     axes.legend(loc="upper left", fontsize=9)
 
 
-def _draw_spread(axes: Axes, residuals: Residuals, names: Sequence[str]) -> None:
+def _draw_spread(axes: Axes, points: _Points, names: Sequence[str]) -> None:
     """Draw 5, 25, 50, 75, 95 % of the residuals of every sensor."""
-    left = residuals.error_m - residuals.fitted_m
-    sensors = [int(sensor) for sensor in np.unique(residuals.sensor)]
-    groups = [left[residuals.sensor == sensor] for sensor in sensors]
+    sensors = [int(sensor) for sensor in np.unique(points.sensor)]
+    groups = [points.left_m[points.sensor == sensor] for sensor in sensors]
     axes.boxplot(
         groups,
         whis=(5, 95),
@@ -317,13 +323,28 @@ def _largest(covariance: Matrix) -> Vector:
     return 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
 
 
-def _thinned(residuals: Residuals) -> Residuals:
+def _points(calibration: Calibration, target_ids: Sequence[str]) -> _Points:
+    site, residuals = calibration.site, calibration.residuals
+    r = residuals.distance_m
+    fitted, sigma = np.zeros(r.size), np.ones(r.size)
+    for target in np.unique(residuals.target):
+        own = residuals.target == target
+        name = target_ids[int(target)] if target_ids else ""
+        every = columns(site.target_models.get(name, site.models))
+        models = RangeColumns(*(column[residuals.sensor[own]] for column in every))
+        fitted[own] = expected(models, r[own]) - r[own]
+        sigma[own] = np.sqrt(variance(models, r[own]))
+    return _Points(residuals.sensor, residuals.target, r, residuals.residual_m, fitted, sigma)
+
+
+def _thinned(points: _Points) -> _Points:
     """Keep at most `POINTS` readings, evenly spread over the run."""
-    step = -(-residuals.sensor.size // POINTS)
-    return Residuals(
-        residuals.sensor[::step],
-        residuals.distance_m[::step],
-        residuals.error_m[::step],
-        residuals.fitted_m[::step],
-        residuals.sigma_m[::step],
+    step = -(-points.sensor.size // POINTS)
+    return _Points(
+        points.sensor[::step],
+        points.target[::step],
+        points.distance_m[::step],
+        points.left_m[::step],
+        points.fitted_m[::step],
+        points.sigma_m[::step],
     )

@@ -191,8 +191,8 @@ class Tracks:
 
     `position` and `velocity` (n, 3) [m], [m/s]; `covariance` (n, 3) holds xx, xy, yy of the
     position [m^2]; `status` (n,) holds `Status`; `track` (n,) is the track's number, `target`
-    indexes `target_ids` (-1: unknown target); `nis` (n,) is the normalised innovation squared of the
-    update divided by its number of readings (NaN for a row without an update).
+    indexes `target_ids` (-1: unknown target); `nis` (n,) is the normalised innovation squared of
+    the update divided by its number of readings (NaN for a row without an update).
     """
 
     t_s: Vector

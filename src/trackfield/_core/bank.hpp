@@ -30,14 +30,15 @@ struct State {
 };
 
 struct Checkpoint {
-    double t;  // of the last scan applied
+    double t = 0;  // of the last scan applied
     State state;
 };
 
 struct TargetRecord {
     int32_t id = 0, variant = 0;
     State live;
-    std::vector<Checkpoint> checkpoints;
+    std::vector<std::unique_ptr<Checkpoint>> checkpoints;  // the first `used` count
+    size_t used = 0;
     std::vector<Reading> window;  // applied readings a rewind may need, by time
     std::vector<Reading> open;    // the scan that may still grow
     double latest = -1e300;       // time of the last scan applied
@@ -48,7 +49,16 @@ struct TargetRecord {
 template <class Ar> void visit(Ar &ar, State &s) { visit_all(ar, s.belief, s.recent, s.tracks, s.last_row); }
 template <class Ar> void visit(Ar &ar, Checkpoint &c) { visit_all(ar, c.t, c.state); }
 template <class Ar> void visit(Ar &ar, TargetRecord &r) {
-    visit_all(ar, r.id, r.variant, r.live, r.checkpoints, r.window, r.open, r.latest, r.shown, r.dirty);
+    uint64_t used = r.used;
+    visit(ar, used);
+    if constexpr (Ar::reading) {
+        if (used > size_t(ar.end - ar.at)) throw std::runtime_error("the snapshot is damaged");
+        r.used = used;
+        r.checkpoints.clear();
+        while (r.checkpoints.size() < used) r.checkpoints.push_back(std::make_unique<Checkpoint>());
+    }
+    for (size_t i = 0; i < r.used; ++i) visit(ar, *r.checkpoints[i]);
+    visit_all(ar, r.id, r.variant, r.live, r.window, r.open, r.latest, r.shown, r.dirty);
 }
 template <class Ar> void visit(Ar &ar, Row &r) {
     for (int i = 0; i < 3; ++i) visit_all(ar, r.position[i], r.velocity[i], r.cov[i]);
@@ -172,18 +182,21 @@ class Bank {
     }
 
     void checkpoint(TargetRecord &r) {
-        if (s.window > 0 && (r.checkpoints.empty() || r.latest - r.checkpoints.back().t >= s.window / 4))
-            r.checkpoints.push_back({r.latest, r.live});
+        if (s.window <= 0 || (r.used && r.latest - r.checkpoints[r.used - 1]->t < s.window / 4)) return;
+        if (r.used == r.checkpoints.size()) r.checkpoints.push_back(std::make_unique<Checkpoint>());
+        Checkpoint &c = *r.checkpoints[r.used++];  // an old one's memory serves again
+        c.t = r.latest;
+        c.state = r.live;
     }
 
     // Keeps one checkpoint before the window, and the readings after it.
     void forget(TargetRecord &r) {
         size_t k = 0;
-        while (k + 1 < r.checkpoints.size() && r.checkpoints[k + 1].t < r.latest - s.window) ++k;
+        while (k + 1 < r.used && r.checkpoints[k + 1]->t < r.latest - s.window) ++k;
         if (!k) return;
-        std::rotate(r.checkpoints.begin(), r.checkpoints.begin() + k, r.checkpoints.end());
-        r.checkpoints.resize(r.checkpoints.size() - k);
-        const double t = r.checkpoints.front().t;
+        std::rotate(r.checkpoints.begin(), r.checkpoints.begin() + k, r.checkpoints.begin() + r.used);
+        r.used -= k;
+        const double t = r.checkpoints.front()->t;
         size_t gone = 0;
         while (gone < r.window.size() && r.window[gone].t <= t) ++gone;
         r.window.erase(r.window.begin(), r.window.begin() + gone);
@@ -192,11 +205,11 @@ class Bank {
     // Goes back to before the earliest late reading and applies all that came since.
     void replay(TargetRecord &r) {
         ++counts.rewound;
-        size_t keep = r.checkpoints.size();
-        while (keep > 0 && r.checkpoints[keep - 1].t >= r.dirty) --keep;
-        r.live = keep ? r.checkpoints[keep - 1].state : State{};
-        const double from = keep ? r.checkpoints[keep - 1].t : -1e300;
-        r.checkpoints.resize(keep);
+        size_t keep = r.used;
+        while (keep > 0 && r.checkpoints[keep - 1]->t >= r.dirty) --keep;
+        r.live = keep ? r.checkpoints[keep - 1]->state : State{};
+        const double from = keep ? r.checkpoints[keep - 1]->t : -1e300;
+        r.used = keep;
         r.dirty = 1e300;
         std::vector<Reading> scan;
         for (size_t i = 0; i < r.window.size();) {
@@ -230,8 +243,10 @@ class Bank {
     }
 
     static void trim(std::vector<Reading> &recent, double t) {
+        // In batches, so that most scans move nothing.
+        if (recent.size() < 64 && recent.front().t > t - 20) return;
         size_t gone = 0;
-        while (gone < recent.size() && (recent[gone].t < t - 10 || recent.size() - gone > 96)) ++gone;
+        while (gone < recent.size() && (recent[gone].t < t - 10 || recent.size() - gone > 32)) ++gone;
         recent.erase(recent.begin(), recent.begin() + gone);
     }
 

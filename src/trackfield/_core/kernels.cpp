@@ -105,7 +105,8 @@ NB_MODULE(_kernels, m) {
                      throw nb::value_error("columns of one length expected");
                  nb::gil_scoped_release release;
                  for (size_t i = 0; i < n; ++i)
-                     self.add(target.data()[i], Reading{t.data()[i], value.data()[i], sigma.data()[i], sensor.data()[i]});
+                     self.add(target.data()[i],
+                              Reading{t.data()[i], value.data()[i], float(sigma.data()[i]), sensor.data()[i]});
              })
         .def("advance", &Bank::advance, nb::call_guard<nb::gil_scoped_release>())
         .def("finish", &Bank::finish, nb::call_guard<nb::gil_scoped_release>())

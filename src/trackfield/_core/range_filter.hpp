@@ -15,7 +15,7 @@
 namespace trackfield {
 
 constexpr double kTwoPi = 6.283185307179586;
-constexpr int kMaxModes = 3;
+constexpr int kMaxModes = 4;
 
 struct SensorModel {
     double x = 0, y = 0, z = 0;
@@ -42,7 +42,7 @@ struct Settings {
     double scale_sigma = 0, common_bias_sigma = 0;
     int modes = 2;
     Mode mode[kMaxModes];
-    double switch_rate[kMaxModes] = {0.1, 0.2, 0.2};  // leaving each mode [1/s]
+    double switch_rate[kMaxModes] = {};  // leaving each mode [1/s]
     double velocity_time = 100;         // velocity forgets itself [s]
     double outage_velocity_time = 10;   // the same over steps longer than turn_max_step [s]
     double velocity_sigma = 1.5;        // of a start, per axis [m/s]
@@ -100,7 +100,8 @@ struct Pending {
 };
 
 struct Reading {
-    double t = 0, value = 0, sigma = 0;
+    double t = 0, value = 0;
+    float sigma = 0;  // NaN or 0: the model's
     int32_t sensor = 0;
 };
 
@@ -110,7 +111,7 @@ struct Belief {
     int32_t track = -1;
     int64_t step = 0;       // updates so far
     double last_update = 0;
-    double mode_probability[kMaxModes] = {1, 0, 0};
+    double mode_probability[kMaxModes] = {};
     std::vector<double> mean[kMaxModes], cov[kMaxModes];
     std::vector<double> m, P;  // moment-matched over modes
     std::vector<Slot> slots;
@@ -288,9 +289,11 @@ class RangeFilter {
                 const double di = w * (b.mean[j][i] - b.m[i]);
                 const double *c = &b.cov[j][i * n];
                 double *p = &b.P[i * n];
-                for (int k = 0; k < n; ++k) p[k] += w * c[k] + di * (b.mean[j][k] - b.m[k]);
+                for (int k = i; k < n; ++k) p[k] += w * c[k] + di * (b.mean[j][k] - b.m[k]);
             }
         }
+        for (int i = 1; i < n; ++i)
+            for (int k = 0; k < i; ++k) b.P[i * n + k] = b.P[k * n + i];
     }
 
     static double sq(double v) { return v * v; }
@@ -361,9 +364,11 @@ class RangeFilter {
                 const double *mi = b.mean[i].data(), *Pi = b.cov[i].data();
                 for (int r = 0; r < n; ++r) {
                     const double dr = w[i] * (mi[r] - m[r]);
-                    for (int k = 0; k < n; ++k) P[r * n + k] += w[i] * Pi[r * n + k] + dr * (mi[k] - m[k]);
+                    for (int k = r; k < n; ++k) P[r * n + k] += w[i] * Pi[r * n + k] + dr * (mi[k] - m[k]);
                 }
             }
+            for (int r = 1; r < n; ++r)
+                for (int k = 0; k < r; ++k) P[r * n + k] = P[k * n + r];
         }
         for (int j = 0; j < M; ++j) b.mode_probability[j] = c[j];
     }
@@ -401,42 +406,35 @@ class RangeFilter {
         m[D + 1] = nv.imag();
         const double ed = std::exp(-beta * dt), gd = (1 - ed) / beta;
         if (D == 3) { m[2] += gd * m[5]; m[5] *= ed; }
-        double rows[8][8];
-        int kin[8], nk = 0;
-        for (int i = 0; i < 2 * D; ++i) kin[nk++] = i;
-        if (L.turn >= 0) kin[nk++] = L.turn;
-        for (int a = 0; a < nk; ++a)
-            for (int c = 0; c < nk; ++c) rows[a][c] = a == c;
-        rows[0][D] = g.real();  rows[0][D + 1] = -g.imag();
-        rows[1][D] = g.imag();  rows[1][D + 1] = g.real();
-        rows[D][D] = e.real();  rows[D][D + 1] = -e.imag();
-        rows[D + 1][D] = e.imag();  rows[D + 1][D + 1] = e.real();
-        if (D == 3) { rows[2][5] = gd; rows[5][5] = ed; }
-        double turn_noise = 0;
+        double turn_decay = 1, turn_noise = 0;
+        std::complex<double> g_turn = 0, e_turn = 0;  // slopes of the position and the velocity in the turn rate
         if (L.turn >= 0) {
-            const double decay = std::exp(-dt / s.turn_time);
-            turn_noise = sq(s.turn_sigma) * (1 - sq(decay));
-            rows[nk - 1][nk - 1] = decay;
-            m[L.turn] *= decay;
+            turn_decay = std::exp(-dt / s.turn_time);
+            turn_noise = sq(s.turn_sigma) * (1 - sq(turn_decay));
+            m[L.turn] *= turn_decay;
             if (turning) {
                 const std::complex<double> i1(0, 1);
-                const std::complex<double> de = i1 * dt * e * v;
-                const std::complex<double> dg = i1 * (dt * e * lambda - (e - 1.0)) / (lambda * lambda) * v;
-                rows[0][nk - 1] = dg.real();
-                rows[1][nk - 1] = dg.imag();
-                rows[D][nk - 1] = de.real();
-                rows[D + 1][nk - 1] = de.imag();
+                e_turn = i1 * dt * e * v;
+                g_turn = i1 * (dt * e * lambda - (e - 1.0)) / (lambda * lambda) * v;
             }
         }
+        // Q <- F Q along one side; `row` and `col` are the strides of the side and across it.
         auto apply = [&](double *Q, int row, int col) {
-            double tmp[8];
-            for (int c = 0; c < n; ++c) {
-                for (int a = 0; a < nk; ++a) {
-                    double sum = 0;
-                    for (int k = 0; k < nk; ++k) sum += rows[a][k] * Q[kin[k] * row + c * col];
-                    tmp[a] = sum;
-                }
-                for (int a = 0; a < nk; ++a) Q[kin[a] * row + c * col] = tmp[a];
+            for (int c = 0; c < n; ++c, Q += col) {
+                double *x = Q, *y = Q + row, *vx = Q + D * row, *vy = Q + (D + 1) * row;
+                const double u = *vx, w = *vy;
+                *x += g.real() * u - g.imag() * w;
+                *y += g.imag() * u + g.real() * w;
+                *vx = e.real() * u - e.imag() * w;
+                *vy = e.imag() * u + e.real() * w;
+                if (D == 3) { Q[2 * row] += gd * Q[5 * row]; Q[5 * row] *= ed; }
+                if (L.turn < 0) continue;
+                double *o = Q + L.turn * row;
+                *x += g_turn.real() * *o;
+                *y += g_turn.imag() * *o;
+                *vx += e_turn.real() * *o;
+                *vy += e_turn.imag() * *o;
+                *o *= turn_decay;
             }
         };
         apply(P.data(), 1, n);
@@ -578,82 +576,91 @@ class RangeFilter {
   private:
     // Iterated update of one mode by the readings of one time; returns their log-likelihood.
     double condition(Belief &b, int j, const std::vector<Reading> &scan) {
-        const int n = L.n;
+        switch (L.n) {  // a size known to the compiler unrolls the small loops
+            case 4: return condition_sized<4>(b, j, scan);
+            case 5: return condition_sized<5>(b, j, scan);
+            case 6: return condition_sized<6>(b, j, scan);
+            case 7: return condition_sized<7>(b, j, scan);
+            default: return condition_sized<0>(b, j, scan);
+        }
+    }
+
+    template <int N>
+    double condition_sized(Belief &b, int j, const std::vector<Reading> &scan) {
+        const int n = N ? N : L.n;
         std::vector<double> &x0 = b.mean[j], &P0 = b.cov[j];
-        std::vector<double> &x = scratch.x, &P = scratch.P, &x_lin = scratch.x_lin, &PH = scratch.PH;
-        x_lin = x0;
+        double *x = scratch.x.data(), *P = scratch.P.data(), *PH = scratch.PH.data();
+        std::vector<double> &x_lin = scratch.x_lin;
+        std::copy(x0.begin(), x0.end(), x_lin.begin());
+        double share[3];
+        shares(b, share);
         double loglik = 0;
         for (int it = 0; it < s.iterations; ++it) {
-            x = x0;
-            P = P0;
+            std::copy(x0.begin(), x0.end(), x);
+            std::copy(P0.begin(), P0.end(), P);
             loglik = 0;
+            double product = 1, bend = 1e300;
             for (const Reading &z : scan) {
                 Jacobian H;
                 linearize(x_lin.data(), z.sensor, b, H);
                 double e = z.value - H.expected;
                 for (int k = 0; k < H.count; ++k) e -= H.value[k] * (x[H.index[k]] - x_lin[H.index[k]]);
-                const double *p0 = &P[H.index[0] * n];
-                const double h0 = H.value[0];
-                for (int c = 0; c < n; ++c) PH[c] = h0 * p0[c];
-                for (int k = 1; k < H.count; ++k) {
-                    const double *p = &P[H.index[k] * n];
-                    const double hv = H.value[k];
-                    for (int c = 0; c < n; ++c) PH[c] += hv * p[c];
+                const double *p0 = P + H.index[0] * n, *p1 = P + H.index[1] * n;
+                for (int c = 0; c < n; ++c) PH[c] = H.value[0] * p0[c] + H.value[1] * p1[c];
+                for (int k = 2; k < H.count; ++k) {
+                    const double *p = P + H.index[k] * n;
+                    for (int c = 0; c < n; ++c) PH[c] += H.value[k] * p[c];
                 }
                 double hph = 0;
                 for (int k = 0; k < H.count; ++k) hph += H.value[k] * PH[H.index[k]];
                 const double R = variance(b, z, H.distance);
+                bend = std::min(bend, R * H.distance * H.distance);
                 double gain, shrink;
-                loglik += weigh(b, e, hph, R, gain, shrink);
+                product *= weigh(share, e, hph, R, gain, shrink);
+                if (product < 1e-200 || product > 1e200) { loglik += std::log(std::max(product, 1e-300)); product = 1; }
                 for (int c = 0; c < n; ++c) x[c] += gain * PH[c];
                 for (int r = 0; r < n; ++r) {
                     const double f = shrink * PH[r];
-                    double *p = &P[r * n];
+                    double *p = P + r * n;
                     for (int c = 0; c < n; ++c) p[c] -= f * PH[c];
                 }
             }
-            double move = 0;
-            for (int i = 0; i < L.D; ++i) move += sq(x[i] - x_lin[i]) / std::max(P[i * n + i], 1e-12);
-            x_lin = x;
-            if (move < 1e-4) break;
+            loglik += std::log(std::max(product, 1e-300));
+            double moved = 0;
+            for (int i = 0; i < L.D; ++i) moved += sq(x[i] - x_lin[i]);
+            std::copy(x, x + n, x_lin.begin());
+            // What linearizing left out is moved / (2 r): far below the noise, another round is idle.
+            if (sq(moved) < 4 * sq(0.02) * bend) break;
         }
-        x0.swap(x);
-        P0.swap(P);
+        std::copy(x, x + n, x0.begin());
+        std::copy(P, P + n * n, P0.begin());
         return loglik;
     }
 
     // Collapses the mixture line of sight / late (NLOS) / outlier to its first two moments:
-    // x += gain PH', P -= shrink (PH')(PH')'. Returns the log of the mixture's predictive density.
-    double weigh(const Belief &b, double e, double hph, double R, double &gain, double &shrink) const {
-        const double S0 = hph + R;
+    // x += gain PH', P -= shrink (PH')(PH')'. Returns the mixture's predictive density.
+    double weigh(const double *share, double e, double hph, double R, double &gain, double &shrink) const {
+        const double S0 = hph + R, inv0 = 1 / S0;
+        constexpr double norm = 0.3989422804014327;  // 1 / sqrt(2 pi)
         if (!s.robust) {
-            gain = e / S0;
-            shrink = 1 / S0;
-            return -0.5 * (e * e / S0 + std::log(kTwoPi * S0));
+            gain = e * inv0;
+            shrink = inv0;
+            return norm * std::exp(-0.5 * e * gain) * std::sqrt(inv0);
         }
-        const double late = s.nlos_sigmas * std::sqrt(R);
-        const double S[3] = {S0, S0 + late * late, S0 + sq(s.outlier_sigmas) * R};
-        const double v[3] = {e, e - late, e};
-        double prior[3];
-        shares(b, prior);
-        double lw[3], top = -1e300;
-        for (int i = 0; i < 3; ++i) {
-            lw[i] = std::log(prior[i]) - 0.5 * (v[i] * v[i] / S[i] + std::log(kTwoPi * S[i]));
-            top = std::max(top, lw[i]);
-        }
-        double sum = 0, w[3];
-        for (int i = 0; i < 3; ++i) sum += (w[i] = std::exp(lw[i] - top));
-        double a = 0, aa = 0, inv = 0;
-        for (int i = 0; i < 3; ++i) {
-            w[i] /= sum;
-            const double u = v[i] / S[i];
-            a += w[i] * u;
-            aa += w[i] * u * u;
-            inv += w[i] / S[i];
-        }
-        gain = a;
-        shrink = inv - (aa - a * a);
-        return top + std::log(sum);
+        const double sigma = std::sqrt(R), late = s.nlos_sigmas * sigma;
+        const double inv1 = 1 / (S0 + late * late), inv2 = 1 / (S0 + sq(s.outlier_sigmas) * R);
+        const double u0 = e * inv0, u1 = (e - late) * inv1, u2 = e * inv2;
+        double w0 = share[0] * std::exp(-0.5 * e * u0) * std::sqrt(inv0);
+        double w1 = share[1] * std::exp(-0.5 * (e - late) * u1) * std::sqrt(inv1);
+        double w2 = share[2] * std::exp(-0.5 * e * u2) * std::sqrt(inv2);
+        const double sum = w0 + w1 + w2 + 1e-280;
+        w0 /= sum;
+        w1 /= sum;
+        w2 /= sum;
+        gain = w0 * u0 + w1 * u1 + w2 * u2;
+        const double second = w0 * u0 * u0 + w1 * u1 * u1 + w2 * u2 * u2;
+        shrink = w0 * inv0 + w1 * inv1 + w2 * inv2 - (second - gain * gain);
+        return norm * sum;
     }
 
     // Residual power of the posterior plus H P H', weighted by what the reading could tell.

@@ -36,7 +36,7 @@ app.command("reproduce")(reproduce.reproduce)
 app.command("demo", hidden=True)(demo.demo)
 
 
-def _say_version(wanted: bool) -> None:  # noqa: FBT001  typer hands a flag to its callback so
+def _say_version(wanted: bool) -> None:
     if wanted:
         sys.stdout.write(f"trackfield {__version__}\n")
         raise typer.Exit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ from trackfield.cli.output import Json, check_figure, emit, number, progress, sa
 
 if TYPE_CHECKING:
     from trackfield.calibration import Calibration
+    from trackfield.network.site import Site
 
 
 def calibrate(
@@ -26,22 +28,26 @@ def calibrate(
     as_json: Json = False,
 ) -> None:
     """Fit the sensors' models of SITE to the readings of DATA, knowing the TRUTH."""
-    from trackfield.calibration import calibrate as fit
-    from trackfield.io.measurements import read_readings
-    from trackfield.io.truth import read_truth
     from trackfield.network.site_file import load_site
-    from trackfield.network.site_writer import write_site
+    from trackfield.network.site_writer import sensors_file_for, write_site
 
     loaded = load_site(site)
     if plot is not None:
         check_figure(plot)
-    with progress("reading") as moved:
-        readings = read_readings(data, sensor_ids=loaded.sensor_ids, progress=moved)
-    calibration = fit(loaded, readings, read_truth(truth))
+    with progress("calibrating") as moved:
+        calibration, target_ids = calibrated(loaded, data, truth, moved)
     write_site(calibration.site, output, comment=f"Calibrated on {data.name} with {truth.name}.")
-    result: dict[str, Any] = {"site": str(output), **_numbers(calibration)}
+    file = loaded.sensors_file
+    result: dict[str, Any] = {
+        "site": str(output),
+        "sensors_file": str(sensors_file_for(file, output.parent)) if file else None,
+        **_numbers(calibration),
+    }
     if plot is not None:
-        draw(calibration, plot, title=f"{loaded.name}: calibration on {data.name}")
+        from trackfield.plotting import plot_calibration, save
+
+        title = f"{loaded.name}: calibration on {data.name}"
+        save(plot_calibration(calibration, target_ids=target_ids, title=title), plot)
         result["plot"] = str(plot)
     if as_json:
         emit(result)
@@ -49,36 +55,45 @@ def calibrate(
     _show(result)
 
 
+def calibrated(
+    site: Site, data: Path, truth: Path, moved: Callable[[float], None]
+) -> tuple[Calibration, tuple[str, ...]]:
+    """Fit a site to files; with the names of the targets that readings know."""
+    from trackfield.calibration import calibrate as fit
+    from trackfield.io.measurements import read_readings
+    from trackfield.io.truth import read_truth
+
+    known = read_truth(truth)
+    readings = read_readings(data, sensor_ids=site.sensor_ids, progress=moved)
+    return fit(site, readings, known), readings.target_ids
+
+
 def _numbers(calibration: Calibration) -> dict[str, Any]:
+    """Say what was learned, for JSON."""
     return {
-        "clock_offset_s": calibration.clock_offset_s,
-        "sensors": [row._asdict() for row in calibration.report],
+        "readings": calibration.given,
+        "used": calibration.used,
+        "clock_offset_s": dict(calibration.clock_offset_s),
+        "clock_error_s": dict(calibration.clock_error_s),
+        "sensors": [row._asdict() for row in calibration.sensors],
     }
 
 
 def _show(result: dict[str, Any]) -> None:
+    several = len(result["clock_offset_s"]) > 1
     rows = [
         [
-            row["sensor_id"],
-            str(row["n"]),
-            f"{number(row['bias_m'])} ± {number(row['bias_se_m'])}",
-            f"{number(row['scale'], 4)} ± {number(row['scale_se'], 4)}",
-            number(row["sigma_m"]),
+            f"{row['sensor_id']} of {row['target_id']}" if several else row["sensor_id"],
+            str(row["readings"]),
+            f"{number(row['bias_m'])} ± {number(row['bias_error_m'])}",
+            f"{number(row['scale'], 4)} ± {number(row['scale_error'], 4)}",
+            f"{number(row['sigma_m'])} ± {number(row['sigma_error_m'])}",
         ]
         for row in result["sensors"]
     ]
     show_table(("sensor", "readings", "bias [m]", "scale", "sigma [m]"), rows)
-    say(f"clock of the readings behind that of the truth by {result['clock_offset_s']:.3f} s")
-    say(f"{result['site']}: written")
-
-
-def draw(calibration: Calibration, path: Path, *, title: str) -> None:
-    """Draw the residuals of a calibration."""
-    from trackfield.plotting import Residuals, plot_calibration, save
-
-    save(
-        plot_calibration(
-            Residuals(*calibration.residuals), calibration.site.sensor_ids, title=title
-        ),
-        path,
-    )
+    for target, offset in result["clock_offset_s"].items():
+        error = result["clock_error_s"][target]
+        say(f"clock of {target or 'the readings'}: {offset:+.3f} ± {error:.3f} s to the truth's")
+    say(f"{result['used']} of {result['readings']} readings had truth beside them")
+    say(f"{result['site']}: written; sensors stand as in {result['sensors_file'] or 'it'}")

@@ -99,15 +99,13 @@ def _show(site: Path, result: dict[str, Any], rows: list[tuple[str, str, str]]) 
 
 
 def _show_data(data: dict[str, Any]) -> None:
-    duration = data["last_s"] - data["first_s"]
+    duration, silence = data["last_s"] - data["first_s"], data["longest_gap_s"]
     targets = ", ".join(data["targets"]) or "none named"
     say(f"{data['readings']} readings over {duration:.4g} s, targets: {targets}")
+    say(f"longest silence {silence:.4g} s; middle range {data['median_range_m']:.4g} m")
     say(
-        f"longest silence {data['longest_gap_s']:.4g} s, median range {data['median_range_m']:.4g} m"
-    )
-    say(
-        f"{data['repeated']} repeated; {data['out_of_order']} out of order, by {data['latest_s']:.4g} s "
-        f"at most; {data['too_late']} too late for the tracker's window"
+        f"{data['repeated']} repeated; {data['out_of_order']} out of order, by at most "
+        f"{data['latest_s']:.4g} s; {data['too_late']} too late for the tracker's window"
     )
     silent = [name for name, count in data["per_sensor"].items() if not count]
     if silent:

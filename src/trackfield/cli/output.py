@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,13 +40,15 @@ def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: 
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(*columns[:1], box=SIMPLE_HEAD, title=title or None, title_justify="left")
-    for column in columns[1:]:
-        table.add_column(column, justify="right")
+    table = Table(box=SIMPLE_HEAD, collapse_padding=True, title=title or None, title_justify="left")
+    for i, column in enumerate(columns):  # as Text: what stands in [] is no style
+        table.add_column(Text(column), justify="right" if i else "left", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
-    Console(file=sys.stdout, highlight=False).print(table)
+        table.add_row(*map(Text, row))
+    width = None if sys.stdout.isatty() else 160  # a file has no width: cut nothing
+    Console(file=sys.stdout, highlight=False, width=width).print(table)
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -55,7 +57,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[float], None]]:
+def progress(what: str) -> Generator[Callable[[float], None]]:
     """Show a bar on standard error while the block runs, moved by calls with shares 0 to 1.
 
     Without a terminal there is none.

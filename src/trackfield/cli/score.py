@@ -12,7 +12,7 @@ from trackfield.cli.output import Json, emit, number, show_table
 if TYPE_CHECKING:
     from trackfield.metrics.score import Score
 
-COLUMNS = ("RMSE [m]", "median [m]", "p95 [m]", "in 95 %", "NIS", "available")
+COLUMNS = ("RMSE [m]", "median [m]", "p95 [m]", "in 95 %", "NIS", "shown")
 
 
 def score(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -21,6 +22,14 @@ class Lag(NamedTuple):
 
     seconds: float = 0.0
     steps: int = 0
+
+
+class Wanted(NamedTuple):
+    """What rows are wanted: how late, how far apart, and whether they are kept for a picture."""
+
+    lag: Lag = Lag()
+    every_s: float = 0.0
+    keep: bool = False
 
 
 class Run(NamedTuple):
@@ -68,9 +77,9 @@ def track(
     if plot is not None:
         check_figure(plot)
     known = read_truth(truth) if truth is not None else None
-    run = run_tracker(
-        loaded, data, output, lag=parse_lag(lag), every_s=every, keep=plot is not None
-    )
+    wanted = Wanted(parse_lag(lag), every, keep=plot is not None)
+    with progress("tracking") as moved:
+        run = run_tracker(loaded, data, output, wanted=wanted, moved=moved)
     for warning in run.warnings:
         warn(warning)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
@@ -113,7 +122,7 @@ def with_method(site: Site, method: str | None) -> Site:
 
 
 def run_tracker(
-    site: Site, data: Path, output: Path, *, lag: Lag, every_s: float = 0.0, keep: bool = False
+    site: Site, data: Path, output: Path, *, wanted: Wanted, moved: Callable[[float], None]
 ) -> Run:
     """Stream `data` through the tracker into `output`; the file appears only if the run is good."""
     from trackfield.io.measurements import stream_readings
@@ -123,15 +132,16 @@ def run_tracker(
     from trackfield.pipeline import Tracker, require_tracks
 
     survey, rows, visible, kept = empty_survey(site), 0, 0, list["Tracks"]()
-    tracker = Tracker(site, lag_s=lag.seconds, lag_steps=lag.steps, every_s=every_s)
-
-    with open_tracks(output, origin=site.origin) as write, progress("tracking") as moved:
+    tracker = Tracker(
+        site, lag_s=wanted.lag.seconds, lag_steps=wanted.lag.steps, every_s=wanted.every_s
+    )
+    with open_tracks(output, origin=site.origin) as write:
 
         def put(tracks: Tracks) -> None:
             nonlocal rows, visible
             rows, visible = rows + len(tracks), visible + int(shown(tracks).sum())
             write(tracks)
-            kept.extend([tracks] if keep else [])
+            kept.extend([tracks] if wanted.keep else [])
 
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)

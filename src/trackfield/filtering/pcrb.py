@@ -12,26 +12,20 @@ import numpy as np
 
 from trackfield.filtering.kalman import predict
 from trackfield.filtering.matrices import symmetric
-from trackfield.localization.range_likelihood import fisher_weight
+from trackfield.localization import bounds
 from trackfield.motion import Motion
-from trackfield.sensing.range import RangeModels, constant_variance, directions
+from trackfield.sensing.range import RangeModels
 from trackfield.types import Gaussian, Matrix, Vector
 
 
 def range_information(sensors: Matrix, states: Vector, *, models: RangeModels) -> Matrix:
     """Fisher information (..., n, n) on states (..., n) of one range from each sensor in range.
 
-    sum w u u' over sensors (m, d) within `max_range_m`, w = a^2/v + (2 r var_g)^2/(2 v^2): the
-    second term is what the size of the noise tells.
+    That of `localization.bounds.range_information`; velocities get none.
     """
     d = sensors.shape[1]
-    r, u = directions(sensors, states[..., :d])
-    slope = np.broadcast_to(np.asarray(1.0 + models.scale), r.shape)
-    constant = np.broadcast_to(np.asarray(constant_variance(models)), r.shape)
-    growth = np.broadcast_to(np.asarray(models.sigma_scale**2), r.shape)
-    weight = np.where(r <= models.max_range_m, fisher_weight(slope, constant, growth, r), 0.0)
     information = np.zeros((*states.shape, states.shape[-1]))
-    information[..., :d, :d] = np.einsum("...m,...mi,...mj->...ij", weight, u, u)
+    information[..., :d, :d] = bounds.range_information(sensors, states[..., :d], models=models)
     return information
 
 

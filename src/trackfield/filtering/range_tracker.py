@@ -31,7 +31,7 @@ class Mode(NamedTuple):
     switch_rate: float
 
 
-STRAIGHT = Mode(0.01, turns=False, switch_rate=0.1)
+STRAIGHT = Mode(0.0003, turns=False, switch_rate=0.1)
 TURNING = Mode(0.05, turns=True, switch_rate=0.2)
 MANOEUVRING = Mode(0.5, turns=True, switch_rate=0.5)
 

@@ -37,7 +37,7 @@ def parquet_tables(
     parquet = parquet_module(path)
     faults = importlib.import_module("pyarrow").ArrowException
     try:
-        with parquet.ParquetFile(path) as file:
+        with path.open("rb") as opened, parquet.ParquetFile(opened) as file:
             check_columns(file.schema_arrow.names, schema, str(path))
             total, done = file.metadata.num_rows, 0
             for batch in file.iter_batches(batch_size=_BATCH_ROWS):
@@ -50,8 +50,7 @@ def parquet_tables(
     except faults as error:
         raise InputError(f"{path}: {error}, expected a Parquet file") from None
     except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"{path}: cannot be read: {reason}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def table_of_columns(columns: object, schema: Schema, name: str) -> Table:
@@ -61,6 +60,9 @@ def table_of_columns(columns: object, schema: Schema, name: str) -> Table:
     have not all the same length.
     """
     source = cast("Any", columns)
+    if not (hasattr(source, "column_names") or hasattr(source, "keys")):
+        found = type(columns).__name__
+        raise InputError(f"{name}: found {found}, expected a mapping of columns: {schema}")
     given = source.column_names if hasattr(source, "column_names") else source.keys()
     found = [str(column) for column in cast("Iterable[object]", given)]
     check_columns(found, schema, name)

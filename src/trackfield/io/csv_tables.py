@@ -82,9 +82,14 @@ def _header(line: str, schema: Schema, path: Path) -> list[str]:
 
 
 def _columns(data: bytes, header: list[str]) -> Mapping[str, TextColumn] | None:
-    """Cut a block into cells; None if it has quotes, empty lines or lines of another width."""
+    """Cut a block into cells; None if this needs care.
+
+    That is, if it has empty lines, lines of another width, or quotes that mean something.
+    """
     if b'"' in data:
-        return None
+        if not _quotes_are_idle(data):
+            return None
+        data = data.replace(b'"', b"")
     buffer = np.frombuffer(data + _PAD, np.uint8)
     text = buffer[: len(data)]
     line_feed = text == ord("\n")
@@ -103,6 +108,17 @@ def _columns(data: bytes, header: list[str]) -> Mapping[str, TextColumn] | None:
         column: TextColumn(buffer, starts[:, i].copy(), ends[:, i].copy())
         for i, column in enumerate(header)
     }
+
+
+def _quotes_are_idle(data: bytes) -> bool:
+    """Tell if all quotes stand round whole cells that hold no comma, line feed or quote."""
+    text = np.frombuffer(b"\n" + data, np.uint8)
+    quotes = np.flatnonzero(text == ord('"'))
+    separator = (text == ord("\n")) | (text == ord(","))
+    if quotes.size % 2 or not (separator[quotes[::2] - 1] & separator[quotes[1::2] + 1]).all():
+        return False
+    cell = np.searchsorted(np.flatnonzero(separator), quotes)
+    return bool((cell[::2] == cell[1::2]).all())
 
 
 def _careful(block: Block, header: list[str], path: Path) -> Iterator[Table]:

@@ -46,11 +46,20 @@ def parse_numbers(buffer: Bytes, start: Places, end: Places) -> tuple[Vector, in
         return np.full(start.size, np.nan), None
     values, plain = _plain(buffer, start, end)
     values[~plain] = np.nan
-    for row in np.flatnonzero(~plain & filled).tolist():
-        text = buffer[start[row] : end[row]].tobytes().strip()
+    rest = np.flatnonzero(~plain & filled)
+    texts = _texts(buffer, start[rest], end[rest])
+    try:
+        values[rest] = list(map(float, texts))
+    except ValueError:
+        return _parse_each(values, rest, texts)
+    return _parse_each(values, rest, texts) if b"_" in b"".join(texts) else (values, None)
+
+
+def _parse_each(values: Vector, rows: Places, texts: list[bytes]) -> tuple[Vector, int | None]:
+    """Parse texts one by one, up to the first that is no number; a blank is an empty cell."""
+    for row, text in zip(rows.tolist(), texts, strict=True):
         try:
-            if text:
-                values[row] = float(text)
+            values[row] = float(text) if text.strip() else np.nan
         except ValueError:
             return values, row
         if b"_" in text:  # Python reads 1_000, a person more likely meant something else
@@ -114,11 +123,15 @@ def _plain(buffer: Bytes, start: Places, end: Places) -> tuple[Vector, NDArray[n
 
 def _distinct_texts(buffer: Bytes, start: Places, end: Places) -> Distinct:
     """Find the different cells of a column one by one."""
-    data = buffer.tobytes()
-    texts = [data[a:b] for a, b in zip(start.tolist(), end.tolist(), strict=True)]
+    texts = _texts(buffer, start, end)
     number = {text: i for i, text in enumerate(dict.fromkeys(texts))}
     which = np.fromiter((number[text] for text in texts), np.intp, len(texts))
     return Distinct(_first_rows(which, len(number)), which)
+
+
+def _texts(buffer: Bytes, start: Places, end: Places) -> list[bytes]:
+    data = buffer.tobytes() if start.size else b""
+    return [data[a:b] for a, b in zip(start.tolist(), end.tolist(), strict=True)]
 
 
 def _first_rows(which: Places, count: int) -> Places:

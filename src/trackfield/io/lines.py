@@ -52,7 +52,9 @@ def _whole_lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
             yield rest + data[:cut]
             rest = data[cut:]
         elif len(rest) + len(data) > BLOCK_BYTES:
-            raise InputError(f"{path}: found a line of over {BLOCK_BYTES} bytes, expected text")
+            raise InputError(
+                f"{path}: found a line of over {BLOCK_BYTES} bytes, expected short ones"
+            )
         else:
             rest += data
     if rest:

@@ -97,7 +97,8 @@ class Checks:
             return np.full(len(self.table), np.nan)
         values, wrong = cells.numbers()
         if wrong is not None:
-            self.faults.append(Fault(wrong, column, rule.expected))
+            text = ", not text" if _is_number(cells.text(wrong)) else ""
+            self.faults.append(Fault(wrong, column, rule.expected + text))
         bad = np.isinf(values) | (values <= rule.least if rule.above else values < rule.least)
         self.refuse(bad | np.isnan(values) if rule.required else bad, column, rule.expected)
         return values
@@ -161,6 +162,14 @@ def check_columns(found: Iterable[str], schema: Schema, where: str) -> None:
 def refuse_empty(file: str, schema: Schema) -> NoReturn:
     """Raise the `InputError` of a file without a single row."""
     raise InputError(f"{file}: found no rows, expected at least one of {schema}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -13,19 +11,22 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.io.arrow import parquet_module
+from trackfield.io.cells import Cells, fixed_cells
 from trackfield.io.geodesy import to_geographic
 from trackfield.io.output import saying
-from trackfield.io.writing import Dialect, Texts, header_of, rows_of
+from trackfield.io.writing import NDJSON, Dialect, cells_of, json_marks, rows_of
 from trackfield.network.site import Origin
-from trackfield.types import Columns, Tracks, arrow_table
+from trackfield.types import Columns, Matrix, Tracks, arrow_table
 
 Sink = Callable[[Tracks], None]
 
-# Micrometres and microseconds; covariances by digits, so that a small one stays one.
-_FIXED = ("t_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
-_VARIANCES = ("cov_xx", "cov_xy", "cov_yy")
-_CODES = {**{name: "%.6f" for name in _FIXED}, **{name: "%.9g" for name in _VARIANCES}}
+# Micrometres and microseconds; a covariance of (1 mm)^2 still has three digits.
+_DECIMALS: Mapping[str, int] = {
+    **dict.fromkeys(("t_s", "x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"), 6),
+    **dict.fromkeys(("cov_xx", "cov_xy", "cov_yy"), 9),
+}
 _POINT = "point"
+_DEGREES = 9  # decimals: a tenth of a millimetre
 
 
 @contextmanager
@@ -33,40 +34,45 @@ def text_sink(file: BinaryIO, path: Path, dialect: Dialect) -> Generator[Sink]:
     """Write rows of CSV or NDJSON."""
 
     def write(tracks: Tracks) -> None:
-        _put(file, rows_of(columns_of(tracks, path), dialect, codes=_CODES), path)
+        _put(file, rows_of(_cells(tracks, path, dialect), dialect), path)
 
-    _put(file, header_of(columns_of(_NONE, path), dialect), path)
+    _put(file, dialect.header(list(columns_of(_NONE, path))), path)
     yield write
 
 
 @contextmanager
 def geojson_sink(file: BinaryIO, path: Path, origin: Origin) -> Generator[Sink]:
     """Write a FeatureCollection of points, one a row, on lines of their own."""
-    comma = ""
+    comma = b""
 
     def write(tracks: Tracks) -> None:
         nonlocal comma
-        columns = {_POINT: Texts(_points(tracks, origin)), **columns_of(tracks, path)}
-        rows = rows_of(columns, _FEATURES, codes=_CODES)
-        _put(file, comma + rows.removesuffix(",\n"), path)
-        comma = ",\n" if rows else comma
+        points = {_POINT: _points(to_geographic(tracks.position, origin))}
+        rows = rows_of(points | _cells(tracks, path, _FEATURES), _FEATURES)
+        _put(file, comma + rows.removesuffix(b",\n"), path)
+        comma = b",\n" if rows else comma
 
-    _put(file, '{"type":"FeatureCollection","features":[\n', path)
+    _put(file, b'{"type":"FeatureCollection","features":[\n', path)
     yield write
-    _put(file, "\n]}\n", path)
+    _put(file, b"\n]}\n", path)
 
 
 @contextmanager
 def parquet_sink(file: BinaryIO, path: Path) -> Generator[Sink]:
     """Write row groups of Parquet."""
     schema = arrow_table(columns_of(_NONE, path)).schema
-    with saying(path), parquet_module(path).ParquetWriter(file, schema) as writer:
+    with saying(path):
+        writer = parquet_module(path).ParquetWriter(file, schema)
 
-        def write(tracks: Tracks) -> None:
-            with saying(path):
-                writer.write_table(arrow_table(columns_of(tracks, path)))
+    def write(tracks: Tracks) -> None:
+        with saying(path):
+            writer.write_table(arrow_table(columns_of(tracks, path)))
 
+    try:
         yield write
+    finally:
+        with saying(path):
+            writer.close()
 
 
 def columns_of(tracks: Tracks, path: Path) -> Columns:
@@ -92,26 +98,41 @@ def empty_tracks() -> Tracks:
     return Tracks(none, places, wide, wide, wide, places, places, none, ())
 
 
-def _put(file: BinaryIO, text: str, path: Path) -> None:
+def _put(file: BinaryIO, text: bytes, path: Path) -> None:
     with saying(path):
-        file.write(text.encode())
+        file.write(text)
 
 
-def _points(tracks: Tracks, origin: Origin) -> list[str]:
-    """Longitude, latitude (.1 mm) and, where it is known, altitude."""
-    rows = to_geographic(tracks.position, origin).tolist()
+def _cells(tracks: Tracks, path: Path, dialect: Dialect) -> dict[str, Cells]:
+    return {
+        name: cells_of(column, dialect, decimals=_DECIMALS.get(name))
+        for name, column in columns_of(tracks, path).items()
+    }
+
+
+def _points(geographic: Matrix) -> Cells:
+    """Longitude, latitude and, where it is known, altitude."""
+    lon, lat, alt = geographic.T
+    comma = np.full((len(alt), 1), ord(","), np.uint8)
+    parts = [
+        fixed_cells(lon, _DEGREES),
+        comma,
+        fixed_cells(lat, _DEGREES),
+        np.where(np.isnan(alt)[:, None], 0, comma).astype(np.uint8),
+        fixed_cells(alt, 3),
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def _feature_marks(columns: Sequence[str]) -> list[bytes]:
+    first, *rest = json_marks(columns[1:])
     return [
-        f"{lon:.9f},{lat:.9f}" if math.isnan(alt) else f"{lon:.9f},{lat:.9f},{alt:.4f}"
-        for lon, lat, alt in rows
+        b'{"type":"Feature","geometry":{"type":"Point","coordinates":[',
+        b']},"properties":' + first,
+        *rest,
+        b"}},\n",
     ]
 
 
-def _feature(columns: Sequence[str], codes: Sequence[str]) -> str:
-    cells = dict(zip(columns, codes, strict=True))
-    point = f'{{"type":"Point","coordinates":[{cells.pop(_POINT)}]}}'
-    properties = ",".join(f'"{column}":{code}' for column, code in cells.items())
-    return f'{{"type":"Feature","geometry":{point},"properties":{{{properties}}}}},\n'
-
-
-_FEATURES = Dialect(blank="null", name=json.dumps, row=_feature)
+_FEATURES = NDJSON._replace(marks=_feature_marks)
 _NONE = empty_tracks()

@@ -33,7 +33,7 @@ SCHEMA = Schema(("t_s", "track_id", *_MOTION, *_COVARIANCE, "status"), ("target_
 _WHOLE = Rule(f"a whole number from 0 to {2**31 - 1}", least=0.0)
 _VARIANCE = Rule("a finite number, 0 or more", least=0.0)
 _HEIGHTS = ("z_m", "vz_m_s")
-_CHUNK_ROWS = 1 << 14
+_CHUNK_ROWS = 1 << 12
 
 
 @contextmanager
@@ -42,8 +42,8 @@ def open_tracks(path: str | Path, *, origin: Origin | None = None) -> Generator[
 
     The suffix says which; GeoJSON needs the `origin` of the site. The file gets its name when the
     block ends, and does not appear if it fails or is interrupted. `InputError` at once where the
-    place cannot be written. Times, positions and velocities are rounded to 1e-6, covariances to
-    nine digits.
+    place cannot be written. Times, positions and velocities are rounded to 1e-6, covariances
+    to 1e-9; Parquet keeps all digits.
     """
     path = Path(path)
     suffix = suffix_of(path, geojson=True)

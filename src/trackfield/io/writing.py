@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,27 +12,21 @@ from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.io.arrow import parquet_module
+from trackfield.io.cells import Cells, fixed_cells, packed, text_cells
 from trackfield.io.output import replacing, saying
 from trackfield.io.sources import suffix_of
 from trackfield.types import Columns, Names, arrow_table
 
-
-class Texts(NamedTuple):
-    """A column that is written as it stands."""
-
-    cells: list[str]
-
-
-Outgoing = Mapping[str, NDArray[Any] | Names | Texts]
-NO_CODES: Mapping[str, str] = {}
+_CHUNK_ROWS = 1 << 12
 
 
 class Dialect(NamedTuple):
-    """How a row is written: an empty cell, a name, and the cells of a row joined."""
+    """How rows are written: an empty cell, a name, the first line, and what stands round cells."""
 
-    blank: str
+    blank: bytes
     name: Callable[[str], str]
-    row: Callable[[Sequence[str], Sequence[str]], str]  # of names of columns and codes of cells
+    header: Callable[[Sequence[str]], bytes]
+    marks: Callable[[Sequence[str]], list[bytes]]  # one more than columns
 
 
 def _csv_name(name: str) -> str:
@@ -41,29 +34,59 @@ def _csv_name(name: str) -> str:
     return f'"{quoted}"' if "," in quoted or '"' in quoted else name
 
 
-def _csv_row(_: Sequence[str], codes: Sequence[str]) -> str:
-    return ",".join(codes) + "\n"
+def _csv_header(columns: Sequence[str]) -> bytes:
+    return ",".join(columns).encode() + b"\n"
 
 
-def _json_row(columns: Sequence[str], codes: Sequence[str]) -> str:
-    cells = (f'"{column}":{code}' for column, code in zip(columns, codes, strict=True))
-    return "{" + ",".join(cells) + "}\n"
+def _csv_marks(columns: Sequence[str]) -> list[bytes]:
+    return [b"", *[b","] * (len(columns) - 1), b"\n"]
 
 
-CSV = Dialect(blank="", name=_csv_name, row=_csv_row)
-NDJSON = Dialect(blank="null", name=json.dumps, row=_json_row)
+def _no_header(_: Sequence[str]) -> bytes:
+    return b""
 
 
-def header_of(columns: Iterable[str], dialect: Dialect) -> str:
-    """Make the line before all rows, if there is one."""
-    return ",".join(columns) + "\n" if dialect is CSV else ""
+def _ndjson_marks(columns: Sequence[str]) -> list[bytes]:
+    return [*json_marks(columns), b"}\n"]
 
 
-def rows_of(columns: Outgoing, dialect: Dialect, *, codes: Mapping[str, str] = NO_CODES) -> str:
-    """Write all rows of some columns as text; `codes` say how numbers, else they are exact."""
-    cells = [_cells(column, codes.get(name, "%r"), dialect) for name, column in columns.items()]
-    template = dialect.row(list(columns), [code for code, _ in cells])
-    return "".join(map(template.__mod__, zip(*(texts for _, texts in cells), strict=True)))
+def json_marks(columns: Sequence[str]) -> list[bytes]:
+    """Make what stands before each cell of a JSON object."""
+    return [f'{"," if place else "{"}"{name}":'.encode() for place, name in enumerate(columns)]
+
+
+CSV = Dialect(blank=b"", name=_csv_name, header=_csv_header, marks=_csv_marks)
+NDJSON = Dialect(blank=b"null", name=json.dumps, header=_no_header, marks=_ndjson_marks)
+
+
+def cells_of(
+    column: NDArray[Any] | Names, dialect: Dialect, *, decimals: int | None = None
+) -> Cells:
+    """Cells of a column; numbers come back exactly if their `decimals` are not said."""
+    blank = dialect.blank
+    if isinstance(column, Names):
+        for name in column.names:
+            _check_name(name)
+        texts = [*(dialect.name(name).encode() for name in column.names), blank]
+        return text_cells(texts)[column.places]  # -1 is the last one
+    if decimals is not None:
+        return fixed_cells(column, decimals, blank=blank)
+    if column.dtype.kind != "f":
+        return text_cells([b"%d" % value for value in column.tolist()])
+    if np.isinf(column).any():
+        raise InputError("found an infinite number, expected finite ones")
+    texts = [repr(value).encode() for value in column.tolist()]
+    return text_cells([blank if text == b"nan" else text for text in texts])
+
+
+def rows_of(columns: Mapping[str, Cells], dialect: Dialect) -> bytes:
+    """Text of the rows of some columns."""
+    *marks, last = dialect.marks(list(columns))
+    pieces = [
+        piece for pair in zip(marks, columns.values(), strict=True) for piece in pair if len(piece)
+    ]
+    rows = len(next(iter(columns.values())))
+    return packed([*pieces, last], rows) if rows else b""
 
 
 def write_table(path: Path, columns: Columns) -> None:
@@ -75,30 +98,26 @@ def write_table(path: Path, columns: Columns) -> None:
             parquet.write_table(arrow_table(columns), file)
         return
     dialect = CSV if suffix == ".csv" else NDJSON
+    length = max(
+        len(column.places if isinstance(column, Names) else column) for column in columns.values()
+    )
     with replacing(path) as file:
-        text = header_of(columns, dialect) + rows_of(columns, dialect)
         with saying(path):
-            file.write(text.encode())
+            file.write(dialect.header(list(columns)))
+        for start in range(0, length, _CHUNK_ROWS):
+            part = {
+                name: cells_of(_rows(column, start), dialect) for name, column in columns.items()
+            }
+            with saying(path):
+                file.write(rows_of(part, dialect))
 
 
-def check_name(name: str) -> None:
+def _rows(column: NDArray[Any] | Names, start: int) -> NDArray[Any] | Names:
+    rows = slice(start, start + _CHUNK_ROWS)
+    return Names(column.places[rows], column.names) if isinstance(column, Names) else column[rows]
+
+
+def _check_name(name: str) -> None:
     """Refuse a name that a reader would not take back."""
     if not name or name != name.strip() or not name.isprintable():
         raise InputError(f"found the name {name!r}, expected printable text without outer spaces")
-
-
-def _cells(
-    column: NDArray[Any] | Names | Texts, code: str, dialect: Dialect
-) -> tuple[str, list[Any]]:
-    """Code and values of a column's cells."""
-    if isinstance(column, Texts):
-        return "%s", column.cells
-    if isinstance(column, Names):
-        for name in column.names:
-            check_name(name)
-        texts = [*map(dialect.name, column.names), dialect.blank]  # -1 is the last one
-        return "%s", [texts[place] for place in column.places.tolist()]
-    values: list[Any] = column.tolist()
-    if column.dtype.kind != "f" or not np.isnan(column).any():
-        return code, values
-    return "%s", [dialect.blank if math.isnan(value) else code % value for value in values]

@@ -33,33 +33,38 @@ class RangeScan(NamedTuple):
 class Problem(NamedTuple):
     """A checked `RangeScan` as arrays that broadcast over B scans of n sensors.
 
-    `excess` z - bias (B, n), `slope` 1 + scale (n,), `constant` and `growth` (n,): the variance of
-    a reading is constant + growth r^2. `used` (B, n) is 1 for readings that count, else 0.
+    `excess` z - bias (B, n), `slope` 1 + scale (n,); the variance of a reading is `constant` (B, n)
+    + `growth` (n,) r^2, and `variance` (B, n) with the reading for r. `used` (B, n) is 1 for
+    readings that count, else 0.
     """
 
     sensors: Matrix
     height_m: float | None
     excess: Matrix
-    measured: Matrix
     slope: Vector
-    constant: Vector
+    constant: Matrix
     growth: Vector
+    variance: Matrix
     used: Matrix
 
     def rows(self, chosen: NDArray[np.intp]) -> Problem:
         """Return the scans `chosen`."""
         return self._replace(
-            excess=self.excess[chosen], measured=self.measured[chosen], used=self.used[chosen]
+            excess=self.excess[chosen],
+            constant=self.constant[chosen],
+            variance=self.variance[chosen],
+            used=self.used[chosen],
         )
 
     def stacked(self, count: int) -> Problem:
         """Return a stack of `count` scans from a stack of one or of `count`."""
         shape = (count, len(self.sensors))
-        if len(self.measured) not in (1, count):
-            raise InputError(f"{len(self.measured)} scans for {count} starts or selections")
+        if len(self.excess) not in (1, count) or len(self.used) not in (1, count):
+            raise InputError(f"{len(self.excess)} scans for {count} starts or selections")
         return self._replace(
             excess=np.broadcast_to(self.excess, shape),
-            measured=np.broadcast_to(self.measured, shape),
+            constant=np.broadcast_to(self.constant, shape),
+            variance=np.broadcast_to(self.variance, shape),
             used=np.broadcast_to(self.used, shape),
         )
 
@@ -92,20 +97,23 @@ def problem(scan: RangeScan, used: NDArray[np.bool_] | None = None) -> Problem:
 
     n = len(sensors)
     slope = np.broadcast_to(np.asarray(1.0 + scan.models.scale), (n,))
-    constant = np.broadcast_to(np.asarray(constant_variance(scan.models)), (n,))
+    constant = np.broadcast_to(np.asarray(constant_variance(scan.models)), ranges.shape)
     growth = np.broadcast_to(np.asarray(scan.models.sigma_scale) ** 2, (n,))
-    if (constant + growth * ranges**2 <= 0.0).any() or (slope <= 0.0).any():
+    counted = np.ones(ranges.shape, bool) if used is None else np.atleast_2d(used)
+    variance = constant + growth * ranges**2
+    if ((variance <= 0.0) & counted).any() or (slope <= 0.0).any():
         raise InputError("range models need a noise above zero and a scale above -1")
-    counted = np.ones_like(ranges) if used is None else np.atleast_2d(used).astype(float)
+    # Noise that is all multiplicative would vanish at the sensor, and the likelihood with it.
+    least = 1e-6 * growth * ranges.max(axis=1, keepdims=True) ** 2
     return Problem(
         sensors=sensors,
         height_m=scan.height_m,
         excess=ranges - scan.models.bias_m,
-        measured=ranges,
         slope=slope,
-        constant=constant,
+        constant=np.where(constant > 0.0, constant, np.where(least > 0.0, least, 1.0)),
         growth=growth,
-        used=counted,
+        variance=np.where(variance > 0.0, variance, 1.0),
+        used=counted.astype(float),
     )
 
 
@@ -137,29 +145,27 @@ def terms(given: Problem, positions: Matrix, *, exact: bool) -> Terms:
     )
 
 
-def fisher_weight(slope: Vector, constant: Vector, growth: Vector, r: Matrix) -> Matrix:
+def fisher_weight(slope: Vector, constant: Matrix, growth: Vector, r: Matrix) -> Matrix:
     """Fisher information of one reading on its distance, a^2/v + (2 r var_g)^2/(2 v^2) [1/m^2]."""
-    v = constant + growth * r**2
+    v = np.maximum(constant + growth * r**2, np.finfo(float).tiny ** 0.5)
     return slope**2 / v + 2.0 * (growth * r / v) ** 2
 
 
 def _paper(given: Problem, r: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Value, two derivatives in r and Fisher weight of each reading, variance from the reading."""
-    v = given.constant + given.growth * given.measured**2
-    e = given.slope * r - given.excess
-    weight = given.slope**2 / v
-    return 0.5 * e**2 / v, given.slope * e / v, weight, weight
+    a, v = given.slope, given.variance
+    e = a * r - given.excess
+    return 0.5 * e**2 / v, a * e / v, a**2 / v, a**2 / v
 
 
 def _exact(given: Problem, r: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """Return the same as `_paper`, with the variance taken at r."""
     a = given.slope
     v = given.constant + given.growth * r**2
-    v_z = given.constant + given.growth * given.measured**2
     q = (a * r - given.excess) / v
     v1, v2 = 2.0 * given.growth * r / v, 2.0 * given.growth / v  # v'/v, v''/v
     misfit = 1.0 - v * q**2
-    value = 0.5 * (v * q**2 + np.log(v / v_z))
+    value = 0.5 * (v * q**2 + np.log(v / given.variance))
     first = a * q + 0.5 * v1 * misfit
     second = a**2 / v - 2.0 * a * q * v1 + v * q**2 * v1**2 + 0.5 * (v2 * misfit - v1**2)
     return value, first, second, fisher_weight(a, given.constant, given.growth, r)

@@ -87,7 +87,7 @@ def mle_batch(
     `used` (B, n) tells which readings count in each.
     """
     given = problem(scan, used)
-    count = max(len(np.atleast_2d(starts)), len(given.measured), len(given.used))
+    count = max(len(np.atleast_2d(starts)), len(given.excess), len(given.used))
     given = given.stacked(count)
     fixed = not given.growth.any()  # then both costs are one
     found, at, iterations, converged = _descend(

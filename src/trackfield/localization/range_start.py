@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfield.errors import InputError
+from trackfield.linalg import mahalanobis2
 from trackfield.localization.range_likelihood import Problem, RangeScan, problem
 from trackfield.localization.range_mle import RangeFix, RangeFixes, mle_batch
 from trackfield.sensing.range import distance
@@ -22,6 +24,7 @@ FLAT = 1e-7  # sensors span a direction if they reach this part of their extent 
 SUBSETS = 500  # at most so many minimal subsets are solved in the search with outliers
 FINALISTS = 12  # and so many of their points are refined
 REFITS = 2  # how often readings are judged anew by the refined points
+APART = 5.0  # standard deviations from which on two places count as two
 OUTLIER_COST = 4.5  # an outlier costs as much as a reading three standard deviations off
 
 
@@ -55,8 +58,9 @@ class RangeStart(NamedTuple):
     """All positions that ranges allow, the most likely first.
 
     `candidates` holds the local maxima of the likelihood that were found; it is empty for a circle
-    or a sphere, which `locus` then describes. `ambiguous`: a second candidate is at least 1 % as
-    likely as the first, or no candidate exists. `used` (n,): readings not set aside as outliers.
+    or a sphere, which `locus` then describes. `ambiguous`: a second candidate, or another choice of
+    outliers, is at least 1 % as likely as the first, or no candidate exists. `used` (n,): readings
+    not set aside as outliers.
     """
 
     candidates: tuple[RangeFix, ...]
@@ -84,6 +88,8 @@ def locate(scan: RangeScan, *, outliers: int = 0) -> RangeStart:
     set aside; they are only looked for as far as n >= d + 2 + outliers readings leave proof.
     """
     given = problem(scan)
+    if len(given.excess) != 1:
+        raise InputError(f"{len(given.excess)} scans: expected one")
     planar, squares, weights = _squares(given, scan.dimensions)
     span = _span(planar)
     everything = np.ones(len(planar), bool)
@@ -97,12 +103,13 @@ def locate(scan: RangeScan, *, outliers: int = 0) -> RangeStart:
     starts = _lifted_starts(span, planar, squares, weights)
     spare = min(outliers, len(planar) - scan.dimensions - 2)
     if spare > 0:
-        fixes, used = _consensus(scan, given, starts, spare=spare)
+        fixes, used, rival = _consensus(scan, given, starts, spare=spare)
     else:
-        fixes, used = mle_batch(scan, starts), everything
+        fixes, used, rival = mle_batch(scan, starts), everything, False
     candidates = _distinct(fixes, distance_m=1e-6 * _extent(planar, given))
     close = [c for c in candidates if c.cost < candidates[0].cost + AMBIGUOUS_COST]
-    return RangeStart(candidates, kind, ambiguous=len(close) != 1, locus=None, used=used)
+    ambiguous = rival or len(close) != 1
+    return RangeStart(candidates, kind, ambiguous, None, used)
 
 
 def _squares(given: Problem, dimensions: int) -> tuple[Matrix, Vector, Vector]:
@@ -112,7 +119,7 @@ def _squares(given: Problem, dimensions: int) -> tuple[Matrix, Vector, Vector]:
     4 r^2 v/a^2 + 2 v^2/a^4.
     """
     rho = np.maximum(given.excess[0], 0.0) / given.slope
-    v = (given.constant + given.growth * given.measured[0] ** 2) / given.slope**2
+    v = given.variance[0] / given.slope**2
     squares = rho**2 - v
     if given.height_m is not None:
         squares = squares - (given.height_m - given.sensors[:, 2]) ** 2
@@ -127,7 +134,7 @@ def _span(points: Matrix) -> _Span:
 
 
 def _extent(points: Matrix, given: Problem) -> float:
-    return float(np.ptp(points, axis=0).max() + given.measured.max())
+    return float(np.ptp(points, axis=0).max() + np.abs(given.excess).max())
 
 
 def _lifted(span: _Span, points: Matrix, squares: Vector, weights: Vector) -> tuple[Vector, float]:
@@ -170,10 +177,11 @@ def _lifted_starts(span: _Span, points: Matrix, squares: Vector, weights: Vector
 
 def _consensus(
     scan: RangeScan, given: Problem, starts: Matrix, *, spare: int
-) -> tuple[RangeFixes, NDArray[np.bool_]]:
+) -> tuple[RangeFixes, NDArray[np.bool_], bool]:
     """Refine the points on which all but at most `spare` readings agree best.
 
     Every d sensors meet in up to two points; a reading counts at most `OUTLIER_COST` against one.
+    The flag says that another place does nearly as well with other readings set aside.
     """
     points = np.concatenate([starts, _meeting_points(given, scan.dimensions)])
     order = np.argsort(_misfits(given, points)[0])
@@ -182,9 +190,12 @@ def _consensus(
         _, used = _misfits(given, chosen, spare=spare)
         chosen = mle_batch(scan, chosen, used=used).position
     total, used = _misfits(given, chosen, spare=spare)
-    best = used[np.argmin(total)]
-    agreed = np.asarray((used == best).all(axis=1))
-    return mle_batch(scan, chosen[agreed], used=best), best
+    first = int(np.argmin(total))
+    agreed = np.asarray((used == used[first]).all(axis=1))
+    fixes = mle_batch(scan, chosen[agreed], used=used[first])
+    away, _ = mahalanobis2(chosen - chosen[first], fixes.covariance[np.sum(agreed[:first])])
+    rival = ~agreed & (away > APART**2) & (total < total[first] + AMBIGUOUS_COST)
+    return fixes, used[first], bool(rival.any())
 
 
 def _misfits(
@@ -195,7 +206,7 @@ def _misfits(
     if given.height_m is not None:
         full = np.column_stack([points, np.full(len(points), given.height_m)])
     r = distance(given.sensors, full)
-    v = given.constant + given.growth * r**2
+    v = given.constant[0] + given.growth * r**2
     cost = 0.5 * (given.slope * r - given.excess[0]) ** 2 / v
     good = cost < OUTLIER_COST
     if spare is not None:

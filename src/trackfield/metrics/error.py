@@ -41,7 +41,7 @@ def match(truth: Truth, tracks: Tracks, *, max_gap_s: float = 1.0) -> Matched:
 
     Truth is interpolated linearly between samples at most `max_gap_s` apart and never extrapolated;
     rows without truth are left out. Targets are matched by name; where the truth knows exactly one
-    target, rows that name none are its.
+    target, rows that name none are its, and rows of the only target of the tracks.
     """
     rows: list[NDArray[np.intp]] = []
     targets: list[Indices] = []
@@ -63,7 +63,8 @@ def truth_target(truth: Truth, tracks: Tracks) -> Indices:
     """Truth's target (n,) of every row of tracks, -1 for none."""
     place = {name: i for i, name in enumerate(truth.target_ids)}
     nameless = 0 if len(truth.target_ids) == 1 else -1
-    lookup = [place.get(name, -1) for name in tracks.target_ids]
+    alone = nameless if len(tracks.target_ids) == 1 else -1
+    lookup = [place.get(name, alone) for name in tracks.target_ids]
     return np.array([*lookup, nameless], np.int32)[tracks.target]
 
 

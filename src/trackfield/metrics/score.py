@@ -9,7 +9,7 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.metrics.consistency import clipped_nis, distances2, nees, share_inside
-from trackfield.metrics.error import availability, match, shown, summarize
+from trackfield.metrics.error import availability, match, shown, summarize, truth_target
 from trackfield.types import Tracks, Truth, Vector
 
 
@@ -84,12 +84,11 @@ def _index(truth: Truth, target: str) -> int:
 def _nothing_to_score(truth: Truth, tracks: Tracks) -> str:
     """Say why nothing matches: no rows, other targets, other times."""
     visible = shown(tracks)
-    nameless = len(truth.target_ids) == 1 and bool(np.any(tracks.target < 0))
     if not len(truth):
         return "the truth holds no rows: nothing to score against"
     if not visible.any():
         return f"none of the {len(tracks)} rows of the tracks is confirmed: nothing to score"
-    if not (nameless or set(truth.target_ids) & set(tracks.target_ids)):
+    if not np.any(truth_target(truth, tracks)[visible] >= 0):
         ours, theirs = ", ".join(tracks.target_ids[:8]), ", ".join(truth.target_ids[:8])
         return f"tracks and truth share no target: tracks of {ours or 'nobody'}, truth of {theirs}"
     return (

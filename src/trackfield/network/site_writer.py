@@ -12,6 +12,7 @@ import numpy as np
 import tomli_w
 
 from trackfield.errors import InputError
+from trackfield.network.sensors_file import read_text, sensors_from_csv
 from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
 from trackfield.network.site_file import DEFAULT_MODEL
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
@@ -24,7 +25,8 @@ _Parameters = dict[str, _Value]
 def write_site(site: Site, path: str | Path, *, comment: str = "") -> None:
     """Write `site` to `path`, whole or not at all; `InputError` if that cannot be.
 
-    Sensors that came from a file stay in it: the written site names that file relative to itself.
+    Sensors that came from a file stay in a file: that of the same name beside the written site if
+    there is one (the same kit, set up elsewhere), else the one they came from.
     """
     path = Path(path)
     text = "".join(f"# {line}\n" for line in comment.splitlines()) + site_text(site, path.parent)
@@ -42,16 +44,27 @@ def site_text(site: Site, folder: Path) -> str:
     head: _Table = {"name": site.name, "frame": "local"}
     if site.origin is not None:
         head["origin"] = _given(asdict(site.origin), Origin)
-    if site.sensors_file is not None:
-        head["sensors_file"] = relative_path(site.sensors_file, folder)
     document: _Table = {"site": head}
+    known = frozenset(site.sensor_ids)
     if site.sensors_file is None:
         document["sensors"] = _sensors(site)
-    document["models"] = _models(site)
+    else:
+        file = sensors_file_for(site.sensors_file, folder)
+        head["sensors_file"] = relative_path(file, folder)
+        if file != site.sensors_file:
+            there, _ = sensors_from_csv(read_text(file)[0], file.name)
+            known = frozenset(sensor.sensor_id for sensor in there)
+    document["models"] = _models(site, known)
     document["target"] = _given(asdict(site.target), Target)
     document["tracker"] = _given(asdict(site.tracker), TrackerSettings)
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
     return tomli_w.dumps({key: value for key, value in document.items() if value})
+
+
+def sensors_file_for(file: Path, folder: Path) -> Path:
+    """Choose the file that a site in `folder` takes its sensors from: one beside it, or `file`."""
+    beside = folder / file.name
+    return beside if beside.is_file() and not beside.samefile(file) else file
 
 
 def relative_path(file: Path, folder: Path) -> str:
@@ -94,10 +107,11 @@ def _model_names(site: Site) -> tuple[str, ...]:
     return site.model_names or (DEFAULT_MODEL,) * len(site.sensor_ids)
 
 
-def _models(site: Site) -> _Table:
+def _models(site: Site, known: frozenset[str]) -> _Table:
     """`[models.NAME]` with what most of its sensors share; what differs stands with the sensor.
 
-    What a target has of its own stands under it, with its sensors.
+    What a target has of its own stands under it, with its sensors. Sensors that are not `known`
+    have no say of their own.
     """
     members: dict[str, list[int]] = {}
     for i, name in enumerate(_model_names(site)):
@@ -107,9 +121,9 @@ def _models(site: Site) -> _Table:
         ids = [site.sensor_ids[i] for i in places]
         values = [_parameters(site.models[i]) for i in places]
         common = {key: _typical([given[key] for given in values]) for key in values[0]}
-        table = _shared(ids, [common] * len(ids), values)
+        table = _shared(ids, [common] * len(ids), values, known=known)
         table["targets"] = {
-            target: _shared(ids, values, [_parameters(models[i]) for i in places])
+            target: _shared(ids, values, [_parameters(models[i]) for i in places], known=known)
             for target, models in site.target_models.items()
         }
         # What is off by default and off here need not be said.
@@ -121,7 +135,13 @@ def _models(site: Site) -> _Table:
     return tables
 
 
-def _shared(ids: list[str], above: list[_Parameters], wanted: list[_Parameters]) -> _Table:
+def _shared(
+    ids: list[str],
+    above: list[_Parameters],
+    wanted: list[_Parameters],
+    *,
+    known: frozenset[str],
+) -> _Table:
     """Tell what sensors `ids` have in place of what stands `above`: shared first, then own."""
     keys = wanted[0].keys()
     same = {k: wanted[0][k] for k in keys if all(own[k] == wanted[0][k] for own in wanted)}
@@ -130,7 +150,7 @@ def _shared(ids: list[str], above: list[_Parameters], wanted: list[_Parameters])
         sensor_id: {k: v for k, v in values.items() if v != {**up, **shared}[k]}
         for sensor_id, up, values in zip(ids, above, wanted, strict=True)
     }
-    sensors = {sensor_id: values for sensor_id, values in own.items() if values}
+    sensors = {name: values for name, values in own.items() if values and name in known}
     return {**shared, **({"sensors": sensors} if sensors else {})}
 
 

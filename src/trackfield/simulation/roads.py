@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from trackfield.sensing.range import RangeModel
+from trackfield.sensing import range as ranging
+from trackfield.sensing.range import Nlos, RangeModel
 from trackfield.types import Matrix, Vector
 
 End = Literal["C", "D"]
@@ -25,13 +26,6 @@ CORNER_RADIUS_M = 2.5
 PAIR_SPACING_M, PAIR_OFFSET_M = 2.0, 2.0
 DT_S = 0.1
 RANGES = RangeModel(sigma_m=math.sqrt(1e-3), sigma_scale=math.sqrt(1e-3), max_range_m=3.0)
-
-
-class Nlos(NamedTuple):
-    """Each reading is late with `probability`, by Exp(mean_m): the direct path was blocked."""
-
-    probability: float = 0.1
-    mean_m: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,19 +159,12 @@ def ranges(
     nlos: Nlos | None = None,
 ) -> Matrix:
     """Draw the readings (runs, K, n) of every sensor, Wang (2); NaN beyond `max_range_m`."""
-    offset = drive.truth[:, None, :2] - drive.sensors
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    step, sensor = np.nonzero(distance <= model.max_range_m)
-    heard = distance[step, sensor]
 
-    shape = (runs, heard.size)
-    sigma = np.hypot(model.sigma_m, model.sigma_scale * heard)
-    z = heard * (1.0 + model.scale) + model.bias_m + sigma * rng.standard_normal(shape)
-    if nlos is not None:
-        z += (rng.random(shape) < nlos.probability) * rng.exponential(nlos.mean_m, shape)
-    readings = np.full((runs, *distance.shape), np.nan)
-    readings[:, step, sensor] = np.maximum(z, 0.0)
-    return readings
+    def one() -> Matrix:
+        drawn = ranging.simulate(model, drive.sensors, path=drive.truth[:, :2], rng=rng, nlos=nlos)
+        return np.where(drawn.heard, drawn.value, np.nan)
+
+    return np.array([one() for _ in range(runs)])
 
 
 def times(steps: int, dt_s: float = DT_S) -> Vector:

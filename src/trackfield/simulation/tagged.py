@@ -11,9 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.network.site import Site
-from trackfield.sensing.range import RangeModel
-from trackfield.simulation.roads import Nlos, times
+from trackfield.sensing import range as ranging
+from trackfield.sensing.range import Nlos
+from trackfield.simulation.roads import times
 from trackfield.types import Indices, Matrix, Readings, Truth, Vector
+
+TARGETS_AT_ONCE = 20  # so that a part of a large world stays in the cache
 
 
 class World(NamedTuple):
@@ -65,37 +68,34 @@ def wander(
     (bias, scale, both noises and the error that stays alike over `correlation_length_m`).
     """
     states = paths(rng, site, world)
-    t_s = times(world.steps, world.dt_s)
-    steps, targets = states.shape[:2]
     anchors = np.where(np.isnan(site.positions), world.height_m, site.positions)
-    noise = _Noise(site.models)
-    columns: list[tuple[Indices, Indices, Indices, Vector]] = []
-    correlated = np.zeros((targets, len(site.models)))
-    for k in range(steps):
-        moved = world.dt_s * np.hypot(states[k, :, 2], states[k, :, 3]) if k else np.inf
-        distance = _distances(states[k, :, :2], anchors, world.height_m)
-        correlated = noise.next(rng, correlated, np.broadcast_to(moved, (targets,)))
-        z = noise.apply(rng, distance, correlated)
-        if nlos is not None:
-            late = rng.random(z.shape) < nlos.probability
-            z[late] += rng.exponential(nlos.mean_m, int(late.sum()))
-        target, sensor = (i.astype(np.int32) for i in np.nonzero(distance <= noise.max_range))
-        step = np.full(target.size, k, dtype=np.int32)
-        columns.append((step, target, sensor, z[target, sensor]))
-    step, target, sensor, value = (np.concatenate(c) for c in zip(*columns, strict=True))
-    names = tuple(f"tag{i}" for i in range(targets))
-    readings = _table(t_s[step], target, sensor, np.maximum(value, 0.0), (site.sensor_ids, names))
-    return readings, to_truth(t_s, np.moveaxis(states, 0, 1), names)
+    models = ranging.columns(site.models)
+    parts: list[tuple[Indices, Indices, Indices, Vector]] = []
+    for first in range(0, world.targets, TARGETS_AT_ONCE):
+        some = states[first : first + TARGETS_AT_ONCE]
+        path = np.full((*some.shape[:2], anchors.shape[1]), world.height_m)
+        path[..., :2] = some[..., :2]
+        drawn = ranging.simulate(models, anchors, path=path, rng=rng, nlos=nlos)
+        target, step, sensor = (i.astype(np.int32) for i in np.nonzero(drawn.heard))
+        parts.append((step, target + np.int32(first), sensor, drawn.value[drawn.heard]))
+    step, target, sensor, value = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(step, kind="stable")  # within a step by target, then sensor, as before
+    t_s = times(world.steps, world.dt_s)
+    names = tuple(f"tag{i}" for i in range(world.targets))
+    readings = _table(
+        t_s[step[order]], target[order], sensor[order], value[order], (site.sensor_ids, names)
+    )
+    return readings, to_truth(t_s, states, names)
 
 
 def paths(rng: np.random.Generator, site: Site, world: World) -> Matrix:
-    """States (steps, targets, 4) at times dt, 2 dt, ...: noisy constant velocity, off the walls."""
+    """Draw states (targets, steps, 4): noisy constant velocity, thrown back by the walls."""
     low = np.nanmin(site.positions[:, :2], axis=0)
     high = np.nanmax(site.positions[:, :2], axis=0)
     position = rng.uniform(low, high, (world.targets, 2))
     heading = rng.uniform(-math.pi, math.pi, world.targets)
     velocity = world.speed_m_s * np.column_stack([np.cos(heading), np.sin(heading)])
-    states = np.empty((world.steps, world.targets, 4))
+    states = np.empty((world.targets, world.steps, 4))
     for k in range(world.steps):
         accel = world.accel_sigma_m_s2 * rng.standard_normal((world.targets, 2))
         position = position + world.dt_s * velocity + 0.5 * world.dt_s**2 * accel
@@ -105,42 +105,8 @@ def paths(rng: np.random.Generator, site: Site, world: World) -> Matrix:
             position = np.where(out, 2.0 * wall - position, position)
             velocity = np.where(out, sign * np.abs(velocity), velocity)
         position = np.clip(position, low, high)
-        states[k] = np.hstack([position, velocity])
+        states[:, k] = np.hstack([position, velocity])
     return states
-
-
-class _Noise:
-    """The sensors' range models as columns (n,)."""
-
-    def __init__(self, models: tuple[RangeModel, ...]) -> None:
-        self.gain = np.array([1.0 + m.scale for m in models])
-        self.bias = np.array([m.bias_m for m in models])
-        self.sigma = np.array([m.sigma_m for m in models])
-        self.sigma_scale = np.array([m.sigma_scale for m in models])
-        self.max_range = np.array([m.max_range_m for m in models])
-        self.correlated_sigma = np.array([m.correlated_sigma_m for m in models])
-        self.length = np.array([m.correlation_length_m for m in models])
-
-    def next(self, rng: np.random.Generator, errors: Matrix, moved: Vector) -> Matrix:
-        """Correlated errors (targets, n) after the targets moved by `moved` (targets,)."""
-        if not self.correlated_sigma.any():
-            return errors
-        keep = np.exp(-moved[:, None] / self.length)
-        fresh = self.correlated_sigma * rng.standard_normal(errors.shape)
-        return keep * errors + np.sqrt(1.0 - keep**2) * fresh
-
-    def apply(self, rng: np.random.Generator, distance: Matrix, correlated: Matrix) -> Matrix:
-        sigma = np.hypot(self.sigma, self.sigma_scale * distance)
-        white = sigma * rng.standard_normal(distance.shape)
-        return self.gain * distance + self.bias + correlated + white
-
-
-def _distances(position: Matrix, anchors: Matrix, height: float) -> Matrix:
-    offset = position[:, None, :] - anchors[:, :2]
-    square = offset[..., 0] ** 2 + offset[..., 1] ** 2
-    if anchors.shape[1] > 2:
-        square += (height - anchors[:, 2]) ** 2
-    return np.sqrt(square)
 
 
 def _table(
