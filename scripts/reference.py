@@ -14,6 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import trackfield
 from trackfield.network.site_schema import site_schema
 
 ROOT = Path(__file__).parents[1]
@@ -23,6 +24,7 @@ WIDTH = 80
 
 # Rooms in the order of the flow; those of modules that stand alone are named by the module.
 ROOMS = (
+    "api",
     "types",
     "errors",
     "sensing",
@@ -115,7 +117,7 @@ def modules_of(room: str) -> list[str]:
 
 def python_page() -> str:
     """Page with the documentation of every public module."""
-    page = PYTHON_HEAD + section("##", "trackfield")
+    page = PYTHON_HEAD + names_of_the_package()
     for room in ROOMS:
         if not (PACKAGE / room).is_dir():
             page += section("##", f"trackfield.{room}")
@@ -124,6 +126,16 @@ def python_page() -> str:
         page += f"\n## trackfield.{room}\n\n{about}\n"
         page += "".join(section("###", module) for module in modules_of(room))
     return page
+
+
+def names_of_the_package() -> str:
+    """Section with the names that `trackfield` itself offers."""
+    rows = ""
+    for name in (name for name in trackfield.__all__ if not name.startswith("_")):
+        value = getattr(trackfield, name)
+        promise = (value.__doc__ or "").strip().partition("\n")[0].replace("|", "\\|")
+        rows += f"| {{py:obj}}`{name} <{value.__module__}.{name}>` | {promise} |\n"
+    return f"## trackfield\n\n| name | what it is |\n|---|---|\n{rows}"
 
 
 def section(marks: str, module: str) -> str:

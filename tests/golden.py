@@ -84,7 +84,7 @@ def converted_measurement_kf(given: Case) -> Answer:
     dt_s = given["dt"]
     prior = kalman.predict(belief, motion.transition(dt_s), motion.noise(dt_s))
     z = _vector(given["zbar"])
-    report = converted.Prelocalized(z, _matrix(given["R"], len(z)), np.array(True))
+    report = converted.Prelocalized(z, _matrix(given["R"], len(z)), np.ones((), bool))
     posterior = converted.update(prior, report).posterior
     predicted = _wang_order(prior, order)
     return {
@@ -183,9 +183,7 @@ def _model(given: Case) -> RangeModel:
 
 
 def _scan(given: Case) -> RangeScan:
-    return RangeScan(
-        np.array(given["sensors"], float), np.array(given["z"], float), _model(given)
-    )
+    return RangeScan(np.array(given["sensors"], float), np.array(given["z"], float), _model(given))
 
 
 def _vector(given: list[float]) -> Vector:

@@ -2,9 +2,9 @@
 
 import shutil
 
-import cli_runs
 import pytest
 
+import cli_runs
 from trackfield.network.site_file import load_site
 
 

@@ -1,7 +1,8 @@
 """`trackfield check`: defaults, geometry, and what is odd about data."""
 
-import cli_runs
 import pytest
+
+import cli_runs
 
 
 @pytest.fixture

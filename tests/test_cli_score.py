@@ -1,7 +1,8 @@
 """`trackfield score`: numbers by target, and what cannot be compared."""
 
-import cli_runs
 import pytest
+
+import cli_runs
 
 TRACKS = "t_s,track_id,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,cov_xx,cov_xy,cov_yy,status,target_id\n"
 

@@ -145,13 +145,13 @@ def test_noiseless_tests_have_no_variance_and_no_trouble():
     assert found.bias_m == pytest.approx(0.1)
 
 
-GOOD = RangeTests(*(np.array([1.0, 2.0]) for _ in range(4)))
+GOOD = RangeTests(*(np.array([2.0, 3.0]) for _ in range(4)))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"distances": np.array([1.0, 1.0])}, "1 distinct test distances"),
+        ({"distances": np.array([1.0, 1.0])}, "distances: found 1"),
         ({"distances": np.array([1.0, 2.0, 3.0])}, "one length"),
         ({"means": np.array([1.0, np.nan])}, "finite"),
         ({"variances": np.array([1.0, -1.0])}, "zero or more"),

@@ -151,8 +151,9 @@ class Tracker:
             t = t + self._offsets[self._variant_numbers()[target], sensor]
         self._heard[sensor] = True
         columns = (target, t, sensor, readings.value, readings.sigma)
-        arrival = np.where(np.isnan(readings.arrival_s), readings.t_s, readings.arrival_s)
-        if np.any(~np.isnan(readings.arrival_s)) and np.any(np.diff(arrival) < 0):
+        told = ~np.isnan(readings.arrival_s)
+        if np.any(told):
+            arrival = np.where(told, readings.arrival_s, readings.t_s)
             order = np.argsort(arrival, kind="stable")
             columns = tuple(column[order] for column in columns)
         self._bank.add(*(np.ascontiguousarray(column) for column in columns))
@@ -176,15 +177,19 @@ class Tracker:
     def _target_numbers(self, readings: Readings) -> Indices:
         names = (*readings.target_ids, _ANONYMOUS)
         # Numbers are given in order of first appearance, so that cutting a run does not change them.
-        _, first = np.unique(readings.target, return_index=True)
+        rows = len(readings)
+        first = np.full(len(names), rows)
+        first[readings.target[::-1]] = np.arange(rows - 1, -1, -1)  # the last to be written stays
         numbers = np.zeros(len(names), np.int32)
-        for row in np.sort(first):
-            name = names[readings.target[row]]
+        for i in np.argsort(first, kind="stable"):
+            if first[i] == rows:
+                break
+            name = names[i]
             if name not in self._targets:
                 self._targets[name] = len(self._targets)
                 if name in self._variants:
                     self._bank.assign(self._targets[name], self._variants[name])
-            numbers[readings.target[row]] = self._targets[name]
+            numbers[i] = self._targets[name]
         return numbers[readings.target]
 
     def _variant_numbers(self) -> NDArray[np.intp]:

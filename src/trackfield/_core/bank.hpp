@@ -313,15 +313,16 @@ class Bank {
         if (!enough(r.live.recent, t, false, use)) return false;
         const Start found = find_start(f, use, t);
         if (!found.found || found.cost > 0.5 * start_cost(f, use, t, b.m.data())) return false;
-        // What was learned of the noise stays; pending rows learn nothing from across the break.
+        // What was learned of the noise counts less, for part of it was the lost track's; pending rows
+        // learn nothing from across the break.
         Belief fresh;
         f.init(fresh, t, found.position, found.cov);
         fresh.track = b.track;
-        fresh.pool_weight = b.pool_weight;
-        fresh.pool_power = b.pool_power;
-        fresh.heard = b.heard;
-        fresh.heard_nlos = b.heard_nlos;
-        fresh.heard_outlier = b.heard_outlier;
+        fresh.pool_weight = kKept * b.pool_weight;
+        fresh.pool_power = kKept * b.pool_power;
+        fresh.heard = kKept * b.heard;
+        fresh.heard_nlos = kKept * b.heard_nlos;
+        fresh.heard_outlier = kKept * b.heard_outlier;
         fresh.step = b.step;
         fresh.pending = std::move(b.pending);
         for (Pending &p : fresh.pending) std::fill(p.gain.begin(), p.gain.end(), 0.0);
@@ -441,6 +442,7 @@ class Bank {
         st.belief = kept;
     }
 
+    static constexpr double kKept = 0.1;  // of what was learned, over a restart
     static constexpr double kClear = 4;  // a start's lead over its rival, in units of 2 log-likelihood
 };
 

@@ -44,6 +44,7 @@ static Settings settings_from(const nb::dict &d) {
     s.turn_time = get(d, "turn_time");
     s.turn_max_step = get(d, "turn_max_step");
     s.turn_step = get(d, "turn_step");
+    s.worst_factor = get(d, "worst_factor");
     s.prior_weight = get(d, "prior_weight");
     s.p_nlos = get(d, "p_nlos");
     s.nlos_sigmas = get(d, "nlos_sigmas");

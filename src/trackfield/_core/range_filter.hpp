@@ -52,7 +52,7 @@ struct Settings {
     bool robust = true;
     int iterations = 3;
     double noise_floor = 0.02;   // [m]
-    double memory_own = 20, memory_pool = 300, pool_weight = 10, prior_weight = 10;
+    double memory_own = 20, memory_pool = 300, pool_weight = 10, prior_weight = 10, worst_factor = 100;
     int slots = 12;
     bool slot_bias = false, slot_correlated = false;
     double slot_idle = 5;  // a slot silent for this long may be given to another sensor [s]
@@ -277,7 +277,17 @@ class RangeFilter {
     }
 
     void combine(Belief &b) const {
-        const int n = L.n, nn = n * n;
+        switch (L.n) {
+            case 4: return combine_sized<4>(b);
+            case 5: return combine_sized<5>(b);
+            case 6: return combine_sized<6>(b);
+            default: return combine_sized<0>(b);
+        }
+    }
+
+    template <int N>
+    void combine_sized(Belief &b) const {
+        const int n = N ? N : L.n, nn = n * n;
         if (s.modes == 1) { b.m = b.mean[0]; b.P = b.cov[0]; return; }
         b.m.assign(n, 0.0);
         b.P.assign(nn, 0.0);
@@ -338,7 +348,17 @@ class RangeFilter {
     }
 
     void mix(Belief &b, double dt) {
-        const int M = s.modes, n = L.n;
+        switch (L.n) {
+            case 4: return mix_sized<4>(b, dt);
+            case 5: return mix_sized<5>(b, dt);
+            case 6: return mix_sized<6>(b, dt);
+            default: return mix_sized<0>(b, dt);
+        }
+    }
+
+    template <int N>
+    void mix_sized(Belief &b, double dt) {
+        const int M = s.modes, n = N ? N : L.n;
         if (M == 1) {
             scratch.mix_mean[0] = b.mean[0];
             scratch.mix_cov[0] = b.cov[0];
@@ -691,7 +711,8 @@ class RangeFilter {
                 b.heard_outlier += told * l2 / sum - b.heard_outlier / s.memory_shares;
                 weight *= l0 / sum;
             }
-            const double power = (e * e + hph) / model;
+            // No sensor is ten times as bad as its model; what seems so is a lost track.
+            const double power = std::min((e * e + hph) / model, s.worst_factor);
             b.pool_weight += weight - b.pool_weight / s.memory_pool;
             b.pool_power += weight * power - b.pool_power / s.memory_pool;
             const int i = slot_of(b, z.sensor);
@@ -706,8 +727,8 @@ class RangeFilter {
     // Shares of line of sight, late and outlying readings: the prior's and what was heard since.
     void shares(const Belief &b, double *p) const {
         const double k = s.shares_weight;
-        p[1] = (k * s.p_nlos + b.heard_nlos) / (k + b.heard);
-        p[2] = (k * s.p_outlier + b.heard_outlier) / (k + b.heard);
+        p[1] = std::min((k * s.p_nlos + b.heard_nlos) / (k + b.heard), 0.5);
+        p[2] = std::min((k * s.p_outlier + b.heard_outlier) / (k + b.heard), 0.3);
         p[0] = 1 - p[1] - p[2];
     }
 

@@ -123,6 +123,7 @@ def create(site: Site, output: Output, robustness: Robustness | None = Robustnes
         "memory_pool": 300.0,
         "pool_weight": 10.0,
         "prior_weight": 10.0,
+        "worst_factor": 100.0,
         "slots": min(len(site.sensor_ids), _SLOTS),
         "slot_bias": open_calibration and any(m.bias_sigma_m > 0 for m in models),
         "slot_correlated": any(m.correlated_sigma_m > 0 for m in models),

@@ -78,6 +78,8 @@ class ValueColumn:
 
 def column_of(cells: Iterable[object]) -> ValueColumn:
     """Make a column of a list, an array, or a column of pandas or Arrow."""
+    if isinstance(cells, list | tuple):  # NumPy would make text of [1, "2"]
+        return ValueColumn(cast("Sequence[object]", cells))
     array = np.asarray(cells)
     if array.dtype.kind == "O" and hasattr(cells, "notna"):
         # The missing value of pandas is neither equal to itself nor different.

@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.errors import InputError
-from trackfield.linalg import covariance_of
+from trackfield.linalg import UNKNOWN_VARIANCE
 from trackfield.localization.bounds import range_bound
 from trackfield.sensing.range import RangeModel, distance
 from trackfield.types import Matrix, Vector
+
+FLAT = 1e-12  # sensors span a direction if their spread there is this part of the largest, squared
 
 
 class PairSystem(NamedTuple):
@@ -75,7 +77,7 @@ def blue(sensors: Matrix, ranges: Vector, *, sigma_m: float | Vector = 0.15) -> 
     return _regression(c, d, v, 1.0 / v)
 
 
-def pair_covariance(sensors: Matrix, position: Vector, *, sigma_m: float) -> Matrix:
+def pair_covariance(sensors: Matrix, position: Vector, *, sigma_m: float | Vector) -> Matrix:
     """Covariance Phi (M, M) [m^4] of the pairs' right sides, Pham (3.14)-(3.15), corrected, exact.
 
     Variance 4 s^2 (d_i^2 + d_j^2) + 4 s^4; pairs that share i: +-(4 d_i^2 s^2 + 2 s^4), + where i
@@ -107,7 +109,7 @@ def blue_covariance(
     """Covariance (d, d) [m^2] of `blue` at a true `position` (d,); `first_order` as above."""
     d = distance(sensors, position)
     v = _half_square_variance(d, sigma_m, first_order=first_order)
-    return _regression(sensors, d, v, 1.0 / np.maximum(v, np.finfo(float).tiny)).covariance
+    return _regression(sensors, d, v, 1.0 / np.maximum(v, 1e-12 * v.max())).covariance
 
 
 def traces(sensors: Matrix, position: Vector) -> Traces:
@@ -149,9 +151,9 @@ def _regression(c: Matrix, d: Vector, variances: Vector, weights: Vector) -> Tri
     middle = weights @ c
     x = c - middle
     y = 0.5 * (np.sum(x**2, axis=1) - d**2)
-    normal = x.T @ (x * weights[:, None])
-    inverse, determined = covariance_of(normal)
-    slope = inverse @ (x * weights[:, None]).T
-    return Trilateration(
-        middle + slope @ (y - weights @ y), (slope * variances) @ slope.T, bool(determined)
-    )
+    roots, axes = np.linalg.eigh(x.T @ (x * weights[:, None]))
+    free = roots <= FLAT * roots[-1]
+    bound, open_ = axes[:, ~free], axes[:, free]
+    slope = (bound / roots[~free]) @ bound.T @ (x * weights[:, None]).T
+    covariance = (slope * variances) @ slope.T + UNKNOWN_VARIANCE * open_ @ open_.T
+    return Trilateration(middle + slope @ (y - weights @ y), covariance, not free.any())

@@ -51,6 +51,7 @@ UNCALIBRATED = RangeModel(
     bias_sigma_m=0.04,
     common_bias_sigma_m=0.2,
     scale_sigma=0.02,
+    placement_sigma_m=0.03,
     learn_noise=True,
 )
 """What is believed of a sensor of which nothing is told: the tracker learns the rest on line."""
