@@ -2,9 +2,10 @@
 
 import csv
 import os
+import signal
 import subprocess
 import sys
-import threading
+import time
 
 import pytest
 
@@ -106,6 +107,9 @@ def test_repeated_and_late_readings_are_dropped_and_counted(call, run, tmp_path)
     assert done.code == 0
     assert done.json["readings"]["duplicate"] == 2
     assert done.json["readings"]["late"] == 1
+    assert f"warning: {data}: 2 readings came again and were dropped\n" in done.err
+    assert f"{data}: 1 readings came later than tracker.window_s = 1 allows" in done.err
+    assert done.json["warnings"] == [line[len("warning: ") :] for line in done.err.splitlines()]
 
 
 def test_ranges_in_millimetres_are_warned_of(call, run, tmp_path):
@@ -214,6 +218,7 @@ def test_bad_input_is_one_message_and_leaves_no_file(call, run, tmp_path, fault)
         (["-o", "DIR/t.csv", "--plot", "DIR/t.xyz"], "found suffix '.xyz', expected one of"),
         (["-o", "DIR/t.csv", "--truth", "DIR/none.csv"], "none.csv: cannot be read"),
         (["-o", "DIR/t.geojson"], "origin"),
+        (["-o", "DIR/run/measurements.csv"], "measurements.csv: found an input, expected another"),
         (["-o", "DIR/t.csv", "--every", "-1"], "Invalid value for '--every'"),
         ([], "Missing option '-o'"),
     ],
@@ -236,25 +241,32 @@ def test_a_run_that_confirms_nothing_fails(call, run, tmp_path):
     assert files(tmp_path) == ["run"]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes with names")
-def test_an_interrupt_leaves_no_file_and_exits_130(run, tmp_path):
-    import signal
+def opened_for_writing(pipe, process):
+    """The end of `pipe` that feeds `process`, once that has opened the other one."""
+    while process.poll() is None:
+        try:
+            return os.fdopen(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK), "w")
+        except OSError:  # nobody reads yet
+            time.sleep(0.02)
+    pytest.fail(f"the program ended early: {process.stderr.read()}")
 
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+def test_an_interrupt_leaves_no_file_and_exits_130(run, tmp_path):
     pipe, output = tmp_path / "pipe.csv", tmp_path / "out"
     output.mkdir()
     os.mkfifo(pipe)
     command = [sys.executable, "-m", "trackfield.cli", "track", run / "site.toml", pipe]
-    process = subprocess.Popen(
-        [*command, "-o", output / "tracks.csv"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    timer = threading.Timer(60.0, process.kill)
-    timer.start()
-    with pipe.open("w") as feed:  # returns when the program has opened its end
+    with (
+        subprocess.Popen(
+            [*command, "-o", output / "tracks.csv"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process,
+        opened_for_writing(pipe, process) as feed,
+    ):
         feed.write((run / "measurements.csv").read_text())
         feed.flush()
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate()
-    timer.cancel()
+        out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert (out, err) == (b"", b"interrupted\n")
     assert files(output) == []

@@ -49,6 +49,10 @@ ROW_FAULTS = {
     '0,"A0,range,1,,': "line 3: found a cell that cannot be read (unexpected end of data), "
     "expected comma-separated values",
     '0,"A\n0",range,1,,': "line 3: found a line feed in a quoted cell, expected one row a line",
+    # Neither do cells too many make up for cells too few, nor two halves of a quoted cell for two.
+    "0,A0,range,1,\n0,A0,range,1,,,": f"line 3: found 5 cells, expected 6: {HEADER}",
+    '0,A0,range,1,,"a\n0",A0,range,1,,b': "line 3: found a line feed in a quoted cell, "
+    "expected one row a line",
     # The first fault is told, by row and not by column.
     "0,A0,range,1,-1,\nx,A0,range,1,,": "line 3: sigma: found '-1', "
     "expected a number above 0 or nothing",
@@ -285,7 +289,7 @@ def test_faulty_tracks(tmp_path, row, said):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("{", ", line 1: Expecting property name enclosed in double quotes, expected a GeoJSON"),
+        ('{"features": }', ", line 1: Expecting value, expected a GeoJSON object"),
         ("[]", ": found no list of features, expected a FeatureCollection"),
         ('{"features": 5}', ": found no list of features, expected a FeatureCollection"),
         ('{"features": [{}]}', ", feature index 0: found no properties, expected t_s,track_id"),

@@ -46,7 +46,7 @@ def test_a_hundred_sensors_stand_in_pairs_beside_the_roads():
     nearest = np.array([np.linalg.norm(lines - s, axis=1).min() for s in placed])
     # Exactly 2 m from the middle of a road but near the corner, where the roads part.
     assert (np.abs(nearest - 2.0) < 0.01).sum() >= 90
-    assert nearest.min() > 0.9
+    assert nearest.min() > 0.8
     moved = roads.sensors(rng()) - placed
     assert moved.std() == pytest.approx(0.2, rel=0.2)
 

@@ -19,7 +19,7 @@ from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site
-from trackfield.types import Indices, Readings, Tracks, Vector, concatenate_tracks
+from trackfield.types import Indices, Readings, Tracks, concatenate_tracks, select_rows
 
 _MAGIC = b"TRACKFLD"
 _VERSION = 1
@@ -196,22 +196,21 @@ class Tracker:
         return np.array([self._variants.get(name, 0) for name in self._targets], np.intp)
 
     def _take(self) -> Tracks:
-        t, count, position, velocity, covariance, status, target, nis = self._bank.take()
-        names = tuple(self._targets)
+        numbers, names = self._bank.take()
+        count, status, target = (np.ascontiguousarray(names[:, i]) for i in range(3))
+        track = self._track_numbers(target, count)
         if _ANONYMOUS in self._targets:
-            named = np.where(target == self._targets[_ANONYMOUS], np.int32(-1), target)
-        else:
-            named = target
+            target = np.where(target == self._targets[_ANONYMOUS], np.int32(-1), target)
         return Tracks(
-            t_s=t,
-            track=self._track_numbers(target, count),
-            position=position,
-            velocity=velocity,
-            covariance=covariance,
+            t_s=np.ascontiguousarray(numbers[:, 0]),
+            track=track,
+            position=numbers[:, 1:4],
+            velocity=numbers[:, 4:7],
+            covariance=numbers[:, 7:10],
             status=status,
-            target=named,
-            nis=nis,
-            target_ids=names,
+            target=target,
+            nis=np.ascontiguousarray(numbers[:, 10]),
+            target_ids=tuple(self._targets),
         )
 
     def _track_numbers(self, target: Indices, count: Indices) -> Indices:
@@ -261,9 +260,4 @@ def require_tracks(tracker: Tracker) -> None:
 
 def sort_rows(tracks: Tracks) -> Tracks:
     """Rows in order of time; rows of one time stay in the order of their tracks."""
-    order: NDArray[np.intp] = np.lexsort((tracks.track, tracks.t_s))
-    columns: dict[str, Vector] = {
-        name: getattr(tracks, name)[order]
-        for name in ("t_s", "track", "position", "velocity", "covariance", "status", "target", "nis")
-    }
-    return Tracks(**columns, target_ids=tracks.target_ids)  # pyright: ignore[reportArgumentType] - integer columns keep their type
+    return select_rows(tracks, np.lexsort((tracks.track, tracks.t_s)))

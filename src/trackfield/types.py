@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -238,6 +238,19 @@ class Tracks:
     def to_pandas(self) -> DataFrame:
         """Make a `pandas.DataFrame` of `columns`; `ImportError` without the extra `data`."""
         return data_frame(self.columns())
+
+
+Table = TypeVar("Table", Readings, Truth, Tracks)
+
+
+def select_rows(table: Table, rows: NDArray[Any]) -> Table:
+    """Rows of a table by a mask (n,) or by numbers, in that order; the names stay all there."""
+    columns = {
+        field.name: getattr(table, field.name)[rows]
+        for field in fields(table)
+        if isinstance(getattr(table, field.name), np.ndarray)
+    }
+    return replace(table, **columns)
 
 
 def concatenate_tracks(parts: Sequence[Tracks]) -> Tracks:

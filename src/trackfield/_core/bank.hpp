@@ -1,6 +1,7 @@
 // Many tagged targets: order, windows, duplicates, start, restart and end of tracks, rows shown.
 #pragma once
 
+#include <bit>
 #include <cstring>
 #include <memory>
 
@@ -41,6 +42,7 @@ struct TargetRecord {
     size_t used = 0;
     std::vector<Reading> window;  // applied readings a rewind may need, by time
     std::vector<Reading> open;    // the scan that may still grow
+    int32_t open_highest = -1;    // highest sensor number in it
     double latest = -1e300;       // time of the last scan applied
     double shown = -1e300;        // rows up to here were given out
     double dirty = 1e300;         // earliest late reading not yet replayed
@@ -58,7 +60,7 @@ template <class Ar> void visit(Ar &ar, TargetRecord &r) {
         while (r.checkpoints.size() < used) r.checkpoints.push_back(std::make_unique<Checkpoint>());
     }
     for (size_t i = 0; i < r.used; ++i) visit(ar, *r.checkpoints[i]);
-    visit_all(ar, r.id, r.variant, r.live, r.window, r.open, r.latest, r.shown, r.dirty);
+    visit_all(ar, r.id, r.variant, r.live, r.window, r.open, r.open_highest, r.latest, r.shown, r.dirty);
 }
 template <class Ar> void visit(Ar &ar, Row &r) {
     for (int i = 0; i < 3; ++i) visit_all(ar, r.position[i], r.velocity[i], r.cov[i]);
@@ -93,17 +95,20 @@ class Bank {
     void add(int32_t target, const Reading &z) {
         TargetRecord &r = record(target);
         const SensorModel &a = filter(r).sensors_[z.sensor];
-        if (z.value > a.max_range + 5 * std::sqrt(a.variance)) { ++counts.out_of_range; return; }
+        if (z.value > a.longest) { ++counts.out_of_range; return; }
         const double newest = r.open.empty() ? r.latest : r.open.front().t;
         if (z.t > newest) {
             close(r);
             r.open.push_back(z);
+            r.open_highest = z.sensor;
             ++counts.accepted;
             return;
         }
         if (!r.open.empty() && z.t == newest) {
-            for (const Reading &o : r.open)
-                if (o.sensor == z.sensor) { ++counts.duplicate; return; }
+            if (z.sensor <= r.open_highest)  // most scans come in the order of their sensors
+                for (const Reading &o : r.open)
+                    if (o.sensor == z.sensor) { ++counts.duplicate; return; }
+            r.open_highest = std::max(r.open_highest, z.sensor);
             r.open.push_back(z);
             ++counts.accepted;
             return;
@@ -127,6 +132,9 @@ class Bank {
             if (s.every > 0) coast(r, watermark);
         }
     }
+
+    // One target's scan is complete.
+    void settle(int32_t target) { close(record(target)); }
 
     void finish() {
         for (TargetRecord &r : targets) {
@@ -262,16 +270,15 @@ class Bank {
             const double S = f.variance(b, z, H.distance) + H.spread(b.P.data(), n);
             const double nis = e * e / S;
             total += std::min(nis, 9.0);
-            std::memmove(b.surprises.data(), b.surprises.data() + 1, b.surprises.size() - 1);
-            b.surprises.back() = nis > 9;
+            b.surprises = b.surprises << 1 | uint32_t(nis > 9);
         }
         return total / double(scan.size());
     }
 
-    static bool lost(const Belief &b) {
-        size_t sum = 0;
-        for (uint8_t v : b.surprises) sum += v;
-        return 2 * sum > b.surprises.size();
+    // Did more than half of the last readings surprise?
+    bool lost(const Belief &b) const {
+        const uint32_t last = b.surprises & ((1u << s.restart_window) - 1);
+        return 2 * std::popcount(last) > s.restart_window;
     }
 
     // The newest readings that suffice to start from: old ones only blur a moving target. Who has

@@ -12,18 +12,30 @@ using In = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>
 using InInt = nb::ndarray<const int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using InMatrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-template <class T, class Get>
-static nb::object column(const std::vector<Row> &rows, int width, Get get) {
-    T *data = new T[rows.size() * width + 1];
-    for (size_t i = 0; i < rows.size(); ++i)
-        for (int k = 0; k < width; ++k) data[i * width + k] = get(rows[i], k);
+template <class T>
+static nb::object matrix(T *data, size_t rows, size_t columns) {
     nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    if (width == 1) {
-        size_t shape[1] = {rows.size()};
-        return nb::cast(nb::ndarray<nb::numpy, T>(data, 1, shape, owner));
-    }
-    size_t shape[2] = {rows.size(), size_t(width)};
+    size_t shape[2] = {rows, columns};
     return nb::cast(nb::ndarray<nb::numpy, T>(data, 2, shape, owner));
+}
+
+// Rows as two tables: t, position, velocity, covariance, NIS (11 columns); track, status, target.
+static nb::tuple take(Bank &self) {
+    const size_t n = self.rows.size();
+    double *numbers = new double[n * 11 + 1], *d = numbers;
+    int32_t *names = new int32_t[n * 3 + 1], *i = names;
+    for (const Row &r : self.rows) {
+        *d++ = r.t;
+        for (int k = 0; k < 3; ++k) *d++ = r.position[k];
+        for (int k = 0; k < 3; ++k) *d++ = r.velocity[k];
+        for (int k = 0; k < 3; ++k) *d++ = r.cov[k];
+        *d++ = r.nis;
+        *i++ = r.track;
+        *i++ = r.status;
+        *i++ = r.target;
+    }
+    self.rows.clear();
+    return nb::make_tuple(matrix(numbers, n, 11), matrix(names, n, 3));
 }
 
 static double get(const nb::dict &d, const char *key) { return nb::cast<double>(d[key]); }
@@ -89,7 +101,7 @@ static std::vector<SensorModel> models_from(InMatrix table) {
     std::vector<SensorModel> models(table.shape(0));
     for (size_t i = 0; i < models.size(); ++i) {
         const double *r = table.data() + i * 13;
-        models[i] = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12]};
+        models[i] = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12], r[7] + 5 * std::sqrt(r[5])};
     }
     return models;
 }
@@ -109,23 +121,24 @@ NB_MODULE(_kernels, m) {
                      self.add(target.data()[i],
                               Reading{t.data()[i], value.data()[i], float(sigma.data()[i]), sensor.data()[i]});
              })
+        .def("step",
+             // One complete scan of one target; the last row as numbers, None if nothing is shown.
+             [](Bank &self, int32_t target, double t, InInt sensor, In value) -> nb::object {
+                 const size_t n = sensor.shape(0);
+                 if (value.shape(0) != n) throw nb::value_error("columns of one length expected");
+                 for (size_t i = 0; i < n; ++i)
+                     self.add(target, Reading{t, value.data()[i], NAN, sensor.data()[i]});
+                 self.settle(target);
+                 if (self.rows.empty()) return nb::none();
+                 const Row r = self.rows.back();
+                 self.rows.clear();
+                 return nb::make_tuple(r.t, r.position[0], r.position[1], r.position[2], r.velocity[0], r.velocity[1],
+                                       r.velocity[2], r.cov[0], r.cov[1], r.cov[2], r.nis, r.track, r.status);
+             })
         .def("advance", &Bank::advance, nb::call_guard<nb::gil_scoped_release>())
         .def("finish", &Bank::finish, nb::call_guard<nb::gil_scoped_release>())
         .def("rows", [](const Bank &self) { return self.rows.size(); })
-        .def("take",
-             [](Bank &self) {
-                 const auto &r = self.rows;
-                 nb::tuple o = nb::make_tuple(column<double>(r, 1, [](const Row &x, int) { return x.t; }),
-                                              column<int32_t>(r, 1, [](const Row &x, int) { return x.track; }),
-                                              column<double>(r, 3, [](const Row &x, int k) { return x.position[k]; }),
-                                              column<double>(r, 3, [](const Row &x, int k) { return x.velocity[k]; }),
-                                              column<double>(r, 3, [](const Row &x, int k) { return x.cov[k]; }),
-                                              column<int32_t>(r, 1, [](const Row &x, int) { return x.status; }),
-                                              column<int32_t>(r, 1, [](const Row &x, int) { return x.target; }),
-                                              column<double>(r, 1, [](const Row &x, int) { return x.nis; }));
-                 self.rows.clear();
-                 return o;
-             })
+        .def("take", &take)
         .def("snapshot",
              [](Bank &self) {
                  const std::string bytes = self.snapshot();

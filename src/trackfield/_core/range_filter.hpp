@@ -27,6 +27,7 @@ struct SensorModel {
     double bias_sigma = 0;
     bool learn = true;
     double placement_variance = 0;  // of what ranges cannot see: antenna against tracked point [m^2]
+    double longest = 1e300;         // a reading beyond this is no range of this sensor [m]
 };
 
 struct Mode {
@@ -117,7 +118,7 @@ struct Belief {
     std::vector<Slot> slots;
     double pool_weight = 0, pool_power = 0;
     double heard = 0, heard_nlos = 0, heard_outlier = 0;  // learned shares of the mixture
-    std::vector<uint8_t> surprises;  // ring: was the reading's NIS above 9?
+    uint32_t surprises = 0;  // of the last readings, newest lowest: was the NIS above 9?
     std::vector<Pending> pending;
 };
 
@@ -174,7 +175,7 @@ class RangeFilter {
         b.step = 0;
         b.slots.assign(s.slots, Slot{});
         b.pool_weight = b.pool_power = b.heard = b.heard_nlos = b.heard_outlier = 0;
-        b.surprises.assign(s.restart_window, 0);
+        b.surprises = 0;
         b.pending.clear();
         std::vector<double> m(n, 0.0), P(size_t(n) * n, 0.0);
         for (int i = 0; i < D; ++i) {
@@ -265,6 +266,21 @@ class RangeFilter {
             }
         }
         H.expected = h;
+    }
+
+    // The same where only the horizontal position is unknown.
+    void linearize_plain(const double *x, int32_t sensor, Jacobian &H) const {
+        const SensorModel &a = sensors_[sensor];
+        const double dx = x[0] - a.x, dy = x[1] - a.y, dz = s.height - a.z;
+        const double r = std::max(std::sqrt(dx * dx + dy * dy + dz * dz), 1e-9);
+        const double k = 1 + a.scale, kr = k / r;
+        H.index[0] = 0;
+        H.index[1] = 1;
+        H.value[0] = kr * dx;
+        H.value[1] = kr * dy;
+        H.count = 2;
+        H.distance = r;
+        H.expected = k * r + a.bias;
     }
 
     // White variance of a reading: the model's, times what was learned, or what the sensor said.
@@ -596,22 +612,19 @@ class RangeFilter {
   private:
     // Iterated update of one mode by the readings of one time; returns their log-likelihood.
     double condition(Belief &b, int j, const std::vector<Reading> &scan) {
-        switch (L.n) {  // a size known to the compiler unrolls the small loops
-            case 4: return condition_sized<4>(b, j, scan);
-            case 5: return condition_sized<5>(b, j, scan);
-            case 6: return condition_sized<6>(b, j, scan);
-            case 7: return condition_sized<7>(b, j, scan);
-            default: return condition_sized<0>(b, j, scan);
-        }
+        // A size known to the compiler unrolls the small loops; so does a slope with two entries.
+        const bool plain = L.D == 2 && L.height < 0 && L.scale < 0 && L.bias < 0 && L.per_slot == 0;
+        if (plain && L.n == 4) return condition_sized<4, true>(b, j, scan);
+        if (plain && L.n == 5) return condition_sized<5, true>(b, j, scan);
+        return condition_sized<0, false>(b, j, scan);
     }
 
-    template <int N>
+    template <int N, bool Plain>
     double condition_sized(Belief &b, int j, const std::vector<Reading> &scan) {
         const int n = N ? N : L.n;
         std::vector<double> &x0 = b.mean[j], &P0 = b.cov[j];
-        double *x = scratch.x.data(), *P = scratch.P.data(), *PH = scratch.PH.data();
-        std::vector<double> &x_lin = scratch.x_lin;
-        std::copy(x0.begin(), x0.end(), x_lin.begin());
+        double *x = scratch.x.data(), *P = scratch.P.data(), *PH = scratch.PH.data(), *x_lin = scratch.x_lin.data();
+        std::copy(x0.begin(), x0.end(), x_lin);
         double share[3];
         shares(b, share);
         double loglik = 0;
@@ -622,17 +635,21 @@ class RangeFilter {
             double product = 1, bend = 1e300;
             for (const Reading &z : scan) {
                 Jacobian H;
-                linearize(x_lin.data(), z.sensor, b, H);
+                if constexpr (Plain)
+                    linearize_plain(x_lin, z.sensor, H);
+                else
+                    linearize(x_lin, z.sensor, b, H);
+                const int count = Plain ? 2 : H.count;
                 double e = z.value - H.expected;
-                for (int k = 0; k < H.count; ++k) e -= H.value[k] * (x[H.index[k]] - x_lin[H.index[k]]);
+                for (int k = 0; k < count; ++k) e -= H.value[k] * (x[H.index[k]] - x_lin[H.index[k]]);
                 const double *p0 = P + H.index[0] * n, *p1 = P + H.index[1] * n;
                 for (int c = 0; c < n; ++c) PH[c] = H.value[0] * p0[c] + H.value[1] * p1[c];
-                for (int k = 2; k < H.count; ++k) {
+                for (int k = 2; k < count; ++k) {
                     const double *p = P + H.index[k] * n;
                     for (int c = 0; c < n; ++c) PH[c] += H.value[k] * p[c];
                 }
                 double hph = 0;
-                for (int k = 0; k < H.count; ++k) hph += H.value[k] * PH[H.index[k]];
+                for (int k = 0; k < count; ++k) hph += H.value[k] * PH[H.index[k]];
                 const double R = variance(b, z, H.distance);
                 bend = std::min(bend, R * H.distance * H.distance);
                 double gain, shrink;
@@ -648,7 +665,7 @@ class RangeFilter {
             loglik += std::log(std::max(product, 1e-300));
             double moved = 0;
             for (int i = 0; i < L.D; ++i) moved += sq(x[i] - x_lin[i]);
-            std::copy(x, x + n, x_lin.begin());
+            std::copy(x, x + n, x_lin);
             // What linearizing left out is moved / (2 r): far below the noise, another round is idle.
             if (sq(moved) < 4 * sq(0.02) * bend) break;
         }

@@ -55,7 +55,7 @@ def _options(  # pyright: ignore[reportUnusedFunction]  typer keeps it
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `trackfield` with these arguments, or with those of the process; the exit code."""
     try:
-        app(args=arguments)
+        app(args=arguments, prog_name="trackfield")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:
@@ -66,6 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = _complain(error.problems, REFUSED)
     except TrackfieldError as error:
         code = _complain([str(error)], REFUSED)
+    except OSError as error:
+        code = _complain([f"{error.filename or 'the system'}: {error.strerror}"], FAILED)
     else:
         code = 0
     if code == INTERRUPTED:

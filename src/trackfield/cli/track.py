@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -67,21 +67,21 @@ def track(
 ) -> None:
     """Track the tagged targets of SITE by the readings of DATA."""
     from trackfield.io.truth import read_truth
-    from trackfield.network.geometry import geometry
+    from trackfield.network.geometry import geometry_problems
     from trackfield.network.site_file import load_site
 
     loaded = with_method(load_site(site), method)
-    problems = geometry(loaded).problems
+    problems = [f"{site}: {problem}" for problem in geometry_problems(loaded)]
+    if any(output.exists() and path.exists() and output.samefile(path) for path in (site, data)):
+        problems.append(f"{output}: found an input, expected another file to write to")
     if problems:
-        raise ConfigurationError([f"{site}: {problem}" for problem in problems])
+        raise ConfigurationError(problems)
     if plot is not None:
         check_figure(plot)
     known = read_truth(truth) if truth is not None else None
     wanted = Wanted(parse_lag(lag), every, keep=plot is not None)
     with progress("tracking") as moved:
         run = run_tracker(loaded, data, output, wanted=wanted, moved=moved)
-    for warning in run.warnings:
-        warn(warning)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
     if plot is not None:
         draw(loaded, run.kept, known, plot)
@@ -148,20 +148,15 @@ def run_tracker(
             put(tracker.process(chunk))
         put(tracker.finish())
         suspicion = unit_suspicion(survey)
-        warnings = [f"{data}: {suspicion}"] if suspicion else []
+        warnings = [f"{data}: {odd}" for odd in (suspicion, *_dropped(site, tracker.counts)) if odd]
+        for warning in warnings:
+            warn(warning)
         fatal = [problem for problem in data_problems(survey) if problem != suspicion]
         if fatal:
             raise InputError(f"{data}: {'; '.join(fatal)}")
         require_tracks(tracker)
         if visible == 0:
-            raise RunError(
-                "; ".join(
-                    [
-                        f"{data}: no track was ever confirmed by {survey.readings} readings",
-                        *warnings,
-                    ]
-                )
-            )
+            raise RunError(f"{data}: found {survey.readings} readings, and no track was confirmed")
     numbers = {
         "rows": rows,
         "shown": visible,
@@ -171,6 +166,17 @@ def run_tracker(
         "readings": dict(tracker.counts),
     }
     return Run(numbers, warnings, kept)
+
+
+def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
+    """Say which readings the tracker had to leave out."""
+    said: list[str] = []
+    if counts["duplicate"]:
+        said.append(f"{counts['duplicate']} readings came again and were dropped")
+    if counts["late"]:
+        window = f"tracker.window_s = {site.tracker.window_s:g}"
+        said.append(f"{counts['late']} readings came later than {window} allows and were dropped")
+    return said
 
 
 def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:

@@ -46,7 +46,7 @@ class Weigh(Protocol):
 
 
 class Noise(NamedTuple):
-    """v ~ N(bias, variance) for each reading, (..., m) each; `trust` in (0, 1] is for diagnosis."""
+    """v ~ N(bias, variance) for each reading, (..., m) each; `trust` in [0, 1] is for diagnosis."""
 
     bias: Vector
     variance: Vector
@@ -137,9 +137,12 @@ def iterate(
     for turn in range(iteration.rounds):
         if turn > 0:
             noise = _noise_at(prior, point.x, z, sensor=sensor, noise=noise, weigh=weigh)
+        # The noise will change again: only the last round must be exact.
+        last = turn == iteration.rounds - 1
+        enough = iteration.tolerance if last else max(iteration.tolerance, 0.01)
         for _ in range(iteration.steps):
             point, moved = _descend(prior, point, z - noise.bias, sensor, noise.variance, iteration)
-            if np.all(moved <= iteration.tolerance):
+            if np.all(moved <= enough):
                 break
     final = _linearized(prior, point.x, z - noise.bias, sensor=sensor, variance=noise.variance)
     return Iterated(final, moved <= iteration.tolerance, noise)
@@ -198,11 +201,10 @@ def _descend(
     weight = np.where(made, 1.0 / np.where(made, variance, 1.0), 0.0)
     H = sensor.jacobian(point.x)
     misfit = z - sensor.predict(point.x)
-    e = misfit - apply(H, prior.mean - point.x)
-    fitted = kalman.assimilate(prior, e, H, variance=variance).posterior
-    left = np.where(made, e - apply(H, fitted.mean - prior.mean), 0.0)
-    to_x = fitted.mean - point.x
-    to_y = apply(transposed(H), weight * left) - point.y
+    e = np.where(made, misfit + apply(H, point.x - prior.mean), 0.0)
+    shift, covariance, _ = kalman.shifted(prior.covariance, e, H, weight=weight)
+    whole = _Point(prior.mean + shift, apply(transposed(H), weight * (e - apply(H, shift))))
+    to_x, to_y = whole.x - point.x, whole.y - point.y
 
     def cost(at: _Point, misfit: Vector) -> Vector:
         of_readings = (weight * np.where(made, misfit, 0.0) ** 2).sum(-1)
@@ -210,14 +212,14 @@ def _descend(
 
     before = cost(point, misfit)
     length = np.ones(before.shape)
-    after = _Point(fitted.mean, point.y + to_y)
+    after = whole
     for _ in range(iteration.halvings):
         worse = cost(after, z - sensor.predict(after.x)) > before + 1e-9 * (1.0 + before)
         if not worse.any():
             break
         length = np.where(worse, 0.5 * length, length)
         after = _Point(point.x + length[..., None] * to_x, point.y + length[..., None] * to_y)
-    sigma = np.sqrt(np.einsum("...ii->...i", fitted.covariance))
+    sigma = np.sqrt(np.einsum("...ii->...i", covariance))
     moved = (np.abs(to_x) / np.maximum(sigma, 1e-300)).max(-1) * length
     return after, moved
 

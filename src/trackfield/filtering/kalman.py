@@ -82,19 +82,28 @@ def update_information(prior: Gaussian, z: Vector, H: Matrix, *, variance: Vecto
 
 def assimilate(prior: Gaussian, innovation: Vector, H: Matrix, *, variance: Vector) -> Update:
     """`update_information` for readings given as innovation, z less what was expected."""
-    mean, P = prior
     made = ~np.isnan(innovation)
     e = np.where(made, innovation, 0.0)
     weight = np.where(made, 1.0 / np.where(made, variance, 1.0), 0.0)
-    Ht = transposed(H)
-    spread = np.eye(mean.shape[-1]) + P @ ((Ht * weight[..., None, :]) @ H)
-    covariance = symmetric(np.linalg.solve(spread, P))
-    shift = apply(covariance, apply(Ht, weight * e))
+    shift, covariance, spread = shifted(prior.covariance, e, H, weight=weight)
 
     distance2 = (e * weight * (e - apply(H, shift))).sum(-1)
     log_noise = np.log(np.where(made, variance, 1.0)).sum(-1)
     log_det = log_noise + np.linalg.slogdet(spread)[1]
-    return _judged(Gaussian(mean + shift, covariance), distance2, log_det, made)
+    return _judged(Gaussian(prior.mean + shift, covariance), distance2, log_det, made)
+
+
+def shifted(
+    P: Matrix, innovation: Vector, H: Matrix, *, weight: Vector
+) -> tuple[Vector, Matrix, Matrix]:
+    """Return the shift (..., n) of the mean, the new covariance, and I + P H' W H; (..., n, n).
+
+    W = diag(`weight`) (..., m); a weight of zero is a reading that was not made.
+    """
+    weighted = transposed(H) * weight[..., None, :]
+    spread = np.eye(P.shape[-1]) + P @ (weighted @ H)
+    covariance = symmetric(np.linalg.solve(spread, P))
+    return apply(covariance, apply(weighted, innovation)), covariance, spread
 
 
 def step(

@@ -99,6 +99,9 @@ def create(site: Site, output: Output, robustness: Robustness | None = Robustnes
     models = [model for column in every for model in column]
     height, height_sigma = height_prior(site)
     open_calibration = site.tracker.self_calibration
+    own_bias = open_calibration and any(m.bias_sigma_m > 0 for m in models)
+    own_errors = any(m.correlated_sigma_m > 0 for m in models)
+    followed = own_bias or own_errors or any(m.learn_noise for m in models)
     robust = robustness or Robustness()
     settings: dict[str, object] = {
         "dimensions": site.target.dimensions,
@@ -124,9 +127,9 @@ def create(site: Site, output: Output, robustness: Robustness | None = Robustnes
         "pool_weight": 10.0,
         "prior_weight": 10.0,
         "worst_factor": 100.0,
-        "slots": min(len(site.sensor_ids), _SLOTS),
-        "slot_bias": open_calibration and any(m.bias_sigma_m > 0 for m in models),
-        "slot_correlated": any(m.correlated_sigma_m > 0 for m in models),
+        "slots": min(len(site.sensor_ids), _SLOTS) if followed else 0,
+        "slot_bias": own_bias,
+        "slot_correlated": own_errors,
         "slot_idle": 5.0,
         "drop_time": site.tracker.drop_s,
         "window": site.tracker.window_s,

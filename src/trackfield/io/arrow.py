@@ -63,10 +63,12 @@ def table_of_columns(columns: object, schema: Schema, name: str) -> Table:
     if not (hasattr(source, "column_names") or hasattr(source, "keys")):
         found = type(columns).__name__
         raise InputError(f"{name}: found {found}, expected a mapping of columns: {schema}")
-    given = source.column_names if hasattr(source, "column_names") else source.keys()
+    is_arrow = hasattr(source, "column_names")
+    given = source.column_names if is_arrow else source.keys()
     found = [str(column) for column in cast("Iterable[object]", given)]
     check_columns(found, schema, name)
-    table = {column: column_of(source[column]) for column in found}
+    make = _arrow_column if is_arrow else column_of
+    table = {column: make(source[column]) for column in found}
     shapes = {column: cells.shape for column, cells in table.items()}
     length = shapes[found[0]]
     for column, shape in shapes.items():
@@ -79,6 +81,7 @@ def table_of_columns(columns: object, schema: Schema, name: str) -> Table:
 
 
 def _arrow_column(column: ArrowArray) -> ValueColumn:
-    if hasattr(column, "dictionary_decode"):
-        column = column.dictionary_decode()
+    kind = column.type
+    if hasattr(kind, "index_type"):  # of a dictionary, whose own way to NumPy forgets its nulls
+        column = column.cast(kind.value_type)
     return ValueColumn(column.to_numpy(zero_copy_only=False))

@@ -37,7 +37,7 @@ def fixed_cells(values: Vector, decimals: int, *, blank: bytes = b"") -> Cells:
         return np.broadcast_to(np.frombuffer(blank, np.uint8), (values.size, len(blank)))
     scaled = np.rint(np.abs(np.where(missing, 0.0, values)) * 10.0**decimals)
     if scaled.max() > _EXACT:
-        texts = [b"%.*f" % (decimals, value) for value in values.tolist()]
+        texts = [b"%.*f" % (decimals, round(v, decimals) + 0.0) for v in values.tolist()]
         return text_cells([blank if gap else t for t, gap in zip(texts, missing, strict=True)])
     whole = np.floor_divide(scaled, 10.0**decimals)
     part = scaled - whole * 10.0**decimals

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,24 +20,24 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     work starts, with `InputError`. A pipe or a device has no beside: it is written directly.
     """
     target = Path(os.path.realpath(path))  # a link stays one
-    if target.is_dir():
-        raise InputError(f"{path}: cannot be written: found a folder, expected a file")
-    if target.exists() and not target.is_file():
+    with saying(path):
+        before, regular = target.exists(), target.is_file()
+        if target.is_dir():
+            raise InputError(f"{path}: cannot be written: found a folder, expected a file")
+    if before and not regular:
         with saying(path):
             file = target.open("wb")
-        with file:
+        with _closed(file, path):
             yield file
         return
     draft = target.with_name(f".trackfield-{secrets.token_hex(8)}.tmp")
     with saying(path):
-        if target.exists():
+        if before:
             target.open("ab").close()  # may it be written at all?
         file = draft.open("xb")
     try:
-        with file:
+        with _closed(file, path):
             yield file
-            with saying(path):
-                file.flush()
         with saying(path):
             draft.replace(target)
     except BaseException:  # an interrupt too must leave nothing behind
@@ -55,3 +55,16 @@ def saying(path: Path) -> Generator[None]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{path}: cannot be written: {reason}") from error
+
+
+@contextmanager
+def _closed(file: BinaryIO, path: Path) -> Generator[None]:
+    """Close a file, which may fail too; after a failure the first one is told, not the second."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            file.close()
+        raise
+    with saying(path):
+        file.close()

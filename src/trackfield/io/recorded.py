@@ -19,11 +19,12 @@ from trackfield.io.measurements import LEAST, write_readings
 from trackfield.io.output import replacing, saying
 from trackfield.io.truth import write_truth
 from trackfield.network.site import Site
-from trackfield.sensing.range import RangeModel
+from trackfield.sensing.range import UNCALIBRATED
 from trackfield.types import Readings, Truth
 
 FILES = {"plaza1": "Plaza1_.mat", "plaza2": "Plaza2_.mat"}
 TARGET = "mower"
+_MODEL = "uwb"
 
 _SITE = """\
 # {name}: ranges of a robot mower to four UWB radios, with positions from GPS and odometry.
@@ -34,7 +35,7 @@ _SITE = """\
 name = "{name}"
 sensors_file = "sensors.csv"
 
-[models.uwb]
+[models.{model}]
 kind = "range"
 """
 
@@ -79,7 +80,8 @@ def recorded(name: str) -> Recording:
         name=name,
         sensor_ids=sensor_ids,
         positions=_flat(radios[:, 1:3]),
-        models=(RangeModel(),) * len(sensor_ids),
+        models=(UNCALIBRATED,) * len(sensor_ids),
+        model_names=(_MODEL,) * len(sensor_ids),
     )
     path = Truth(
         t_s=_micro(truth[:, 0] - start),
@@ -106,7 +108,7 @@ def write_recorded(name: str, folder: str | Path) -> None:
     _write(folder / "sensors.csv", "sensor_id,x_m,y_m,z_m\n" + sensors)
     write_readings(folder / "measurements.csv", recording.readings)
     write_truth(folder / "truth.csv", recording.truth)
-    _write(folder / "site.toml", _SITE.format(name=name))
+    _write(folder / "site.toml", _SITE.format(name=name, model=_MODEL))
 
 
 def _load(name: str) -> dict[str, NDArray[np.float64]]:

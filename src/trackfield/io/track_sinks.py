@@ -49,8 +49,9 @@ def geojson_sink(file: BinaryIO, path: Path, origin: Origin) -> Generator[Sink]:
         nonlocal comma
         points = {_POINT: _points(to_geographic(tracks.position, origin))}
         rows = rows_of(points | _cells(tracks, path, _FEATURES), _FEATURES)
-        _put(file, comma + rows.removesuffix(b",\n"), path)
-        comma = b",\n" if rows else comma
+        if rows:
+            _put(file, comma + rows.removesuffix(b",\n"), path)
+            comma = b",\n"
 
     _put(file, b'{"type":"FeatureCollection","features":[\n', path)
     yield write

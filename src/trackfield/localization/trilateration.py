@@ -153,7 +153,7 @@ def _regression(c: Matrix, d: Vector, variances: Vector, weights: Vector) -> Tri
     y = 0.5 * (np.sum(x**2, axis=1) - d**2)
     roots, axes = np.linalg.eigh(x.T @ (x * weights[:, None]))
     free = roots <= FLAT * roots[-1]
-    bound, open_ = axes[:, ~free], axes[:, free]
-    slope = (bound / roots[~free]) @ bound.T @ (x * weights[:, None]).T
-    covariance = (slope * variances) @ slope.T + UNKNOWN_VARIANCE * open_ @ open_.T
+    seen, unseen = axes[:, ~free], axes[:, free]
+    slope = (seen / roots[~free]) @ seen.T @ (x * weights[:, None]).T
+    covariance = (slope * variances) @ slope.T + UNKNOWN_VARIANCE * unseen @ unseen.T
     return Trilateration(middle + slope @ (y - weights @ y), covariance, not free.any())

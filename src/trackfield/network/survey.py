@@ -53,7 +53,7 @@ def empty_survey(site: Site) -> Survey:
         behind=0,
         medians=np.empty((0, 2)),
         targets=(),
-        tail=np.empty((0, 5)),
+        tail=np.empty((0, 4)),
     )
 
 
@@ -66,10 +66,9 @@ def surveyed(survey: Survey, readings: Readings) -> Survey:
     before = np.concatenate([[survey.last_s], newest[:-1]])
     late = np.where(np.isfinite(before), before - t, 0.0)
     forward = np.where(np.isfinite(before), newest - before, 0.0)
-    rows = np.column_stack([t, readings.sensor, readings.kind, readings.target, readings.value])
+    rows = np.column_stack([t, readings.sensor, readings.kind, readings.target]).astype(float)
     known = np.concatenate([survey.tail, rows])
-    distinct = np.unique(known[:, :4], axis=0).shape[0]
-    of_tail = np.unique(survey.tail[:, :4], axis=0).shape[0]
+    new = _distinct(known) - _distinct(survey.tail)
     return replace(
         survey,
         readings=survey.readings + len(readings),
@@ -78,7 +77,7 @@ def surveyed(survey: Survey, readings: Readings) -> Survey:
         first_s=min(survey.first_s, float(t.min())),
         last_s=float(newest[-1]),
         longest_gap_s=max(survey.longest_gap_s, float(forward.max())),
-        repeated=survey.repeated + len(readings) - (distinct - of_tail),
+        repeated=survey.repeated + len(readings) - new,
         unordered=survey.unordered + int(np.count_nonzero(late > 0.0)),
         late_s=max(survey.late_s, float(late.max())),
         behind=survey.behind + int(np.count_nonzero(late > survey.site.tracker.window_s)),
@@ -86,6 +85,12 @@ def surveyed(survey: Survey, readings: Readings) -> Survey:
         targets=readings.target_ids,
         tail=known[-_TAIL:],
     )
+
+
+def _distinct(rows: Matrix) -> int:
+    """Count the rows (n, k) that differ."""
+    ordered = rows[np.lexsort(rows.T)]
+    return len(rows) - int(np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1)))
 
 
 def heard(survey: Survey) -> tuple[str, ...]:

@@ -129,8 +129,8 @@ def _checked(tests: RangeTests) -> tuple[Vector, Vector, Vector]:
         raise InputError("tests need distances and variances of zero or more, and counts above one")
     if len(np.unique(r)) < 2:
         raise InputError(
-            f"distinct test distances: found {len(np.unique(r))}, expected two or more, or bias and "
-            "scale cannot be told apart"
+            f"distinct test distances: found {len(np.unique(r))}, expected two or more, "
+            "or bias and scale cannot be told apart"
         )
     return r, means - r, s2
 

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 
+from trackfield.network.site import Site
 from trackfield.sensing import range as ranging
 from trackfield.sensing.range import Nlos, RangeModel
 from trackfield.types import Matrix, Vector
@@ -87,15 +88,20 @@ def road_length(end: End) -> float:
 
 
 def follow_road(
-    rng: np.random.Generator, end: End, *, dt_s: float = DT_S, speed_sigma: float = 0.02
+    rng: np.random.Generator,
+    end: End,
+    *,
+    dt_s: float = DT_S,
+    speed_sigma: float = 0.02,
+    from_m: float = 0.0,
 ) -> Drive:
-    """Drive from A to `end` on the centre line, at |VELOCITY| with small slow changes.
+    """Drive from A, or `from_m` after it, to `end` on the centre line with about |VELOCITY|.
 
     The speed's deviation is an Ornstein-Uhlenbeck process, `speed_sigma` [m/s], 5 s.
     """
     placed = sensors(rng)
     mean = math.hypot(*VELOCITY)
-    steps = int(road_length(end) / (mean * dt_s))
+    steps = int((road_length(end) - from_m) / (mean * dt_s))
     keep = math.exp(-dt_s / 5.0)
     kicks = speed_sigma * math.sqrt(1.0 - keep**2) * rng.standard_normal(steps)
     deviation = np.empty(steps)
@@ -104,10 +110,11 @@ def follow_road(
         level = keep * level + kicks[k]
         deviation[k] = level
     speed = mean + deviation
-    points, tangents = centre_line(end, np.cumsum(speed) * dt_s)
+    points, tangents = centre_line(end, from_m + np.cumsum(speed) * dt_s)
+    first, heading = centre_line(end, np.array([from_m]))
     return Drive(
         t_s=times(steps, dt_s),
-        start=np.array([*A, *VELOCITY]),
+        start=np.concatenate([first[0], mean * heading[0]]),
         truth=np.hstack([points, speed[:, None] * tangents]),
         sensors=placed,
         accel_variance=np.zeros((steps, 2)),
@@ -165,6 +172,17 @@ def ranges(
         return np.where(drawn.heard, drawn.value, np.nan)
 
     return np.array([one() for _ in range(runs)])
+
+
+def site(drive: Drive, *, model: RangeModel = RANGES) -> Site:
+    """Describe the sensors of a drive as a site, named s0, s1, ..."""
+    count = len(drive.sensors)
+    return Site(
+        name="road",
+        sensor_ids=tuple(f"s{i}" for i in range(count)),
+        positions=np.column_stack([drive.sensors, np.full(count, np.nan)]),
+        models=(model,) * count,
+    )
 
 
 def times(steps: int, dt_s: float = DT_S) -> Vector:
