@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test format lint types contracts docs speed unit bench reference clean
+.PHONY: help demo test format lint types contracts docs speed unit bench reference papers clean
 
 help: ## list the tasks
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 20
@@ -51,6 +51,9 @@ bench: $(PEERS) ## measure against other packages; CONTRIBUTING says how to read
 
 reference: $(TEST) ## write the generated pages of the reference again
 	$(BIN)/python scripts/reference.py
+
+papers: $(TEST) ## run the reproductions in full and write their results into the docs
+	$(BIN)/python scripts/papers.py
 
 clean: ## remove everything that can be made again
 	rm -rf .venv build demo docs/_build .coverage* htmlcov .pytest_cache .ruff_cache .hypothesis

@@ -76,7 +76,7 @@ def path(t, *, dimensions=2, height=0.0, phase=0.0):
     """A winding path (n, 3) inside the box."""
     t = np.asarray(t, float)
     z = 1.5 + np.sin(0.23 * t + phase) if dimensions == 3 else np.full(t.shape, height)
-    x, y = 5.0 * np.sin(0.31 * t + phase), 4.0 * np.sin(0.17 * t + 1.0 + phase)
+    x, y = 5.0 * np.sin(0.16 * t + phase), 4.0 * np.sin(0.09 * t + 1.0 + phase)
     return np.stack([x, y, z], axis=-1)
 
 
@@ -106,7 +106,7 @@ def run(
             m, r = site.models[i], float(np.linalg.norm(truth[k] - at[i]))
             z = m.bias_m + (1.0 + m.scale) * r + noise * rng.standard_normal()
             z += float(rng.random() < late and k > 0) * rng.exponential()
-            sigma = float(rng.uniform(0.05, 0.3)) if rng.random() < given else 0.0
+            sigma = float(rng.uniform(0.1, 0.3)) if rng.random() < given else 0.0
             rows.append(Heard(float(t), int(i), float(z), sigma, target))
     return rows
 

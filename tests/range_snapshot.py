@@ -31,7 +31,7 @@ class Belief(NamedTuple):
     slots: list
     pool: np.ndarray  # weight, power
     heard: np.ndarray  # all, late, outlying
-    surprises: np.ndarray
+    surprises: int  # bits, newest lowest
     pending: int
 
 
@@ -97,7 +97,7 @@ def _belief(r: _Reader) -> Belief:
         modes.append(_moments(r))
     mean, covariance = _moments(r)
     slots = [Slot(*r.several("iddd")) for _ in range(r.one("Q"))]
-    pool, heard, surprises = r.view(2), r.view(3), r.vector(np.uint8)
+    pool, heard, surprises = r.view(2), r.view(3), r.one("I")
     pending = r.one("Q")
     for _ in range(pending):
         r.several("dqid")
@@ -133,5 +133,5 @@ def _target(r: _Reader) -> Target:
     r.several("ii")
     belief, recent = _state(r)
     window, _ = _readings(r), _readings(r)
-    r.several("ddd")
+    r.several("iddd")
     return Target(belief, checkpoints, window, recent)

@@ -47,7 +47,7 @@ LAGS = ({}, {"lag_steps": 4}, {"lag_s": 1.0})
 
 def side_by_side(site, rows, **asked):
     """Kernel and twin after the same readings, the twin from the kernel's start."""
-    tracker, settings, models = told(site, restart_window=10_000, **asked)
+    tracker, settings, models = told(site, restart_window=31, **asked)
     ((first, scan), *rest) = scans(rows)
     shown = [tracker.process(table(site, scan), watermark_s=first)]
     begun = kernel_belief(tracker)
@@ -90,6 +90,7 @@ def test_the_kernel_is_its_twin(name, lag):
     rows = run(rng, site, times, late=late, given=0.2, noise=0.15, height=height)
     tracker, twin, shown = side_by_side(site, rows, **lag, **changed)
 
+    assert tracker.counts["restarted"] == 0  # a twin does not start
     belief, D = kernel_belief(tracker), twin.D
     alike(belief.probability[: len(twin.p)], twin.p)
     for j, (mean, covariance) in enumerate(belief.modes[: len(twin.p)]):

@@ -170,6 +170,27 @@ def test_no_start_of_4000_fails(box):
     assert np.abs(found.position - wanted.position).max() < 1e-6
 
 
+def test_the_search_never_ends_uphill_of_its_start():
+    rng = np.random.default_rng(33)
+    model = RangeModel(sigma_m=0.3)
+    sensors = np.array([[0.0, 0.0], [5.0, 0.2], [2.0, 0.4]])
+    truth, starts = rng.uniform(-5, 10, (4000, 2)), rng.uniform(-50, 50, (4000, 2))
+    z = simulate(model, sensors, path=truth[:, None], rng=rng).value[:, 0]
+    scan = RangeScan(sensors, z, model)
+    found = mle_batch(scan, starts)
+    assert found.converged.mean() > 0.999
+    assert (found.cost <= terms(problem(scan), starts, exact=False).cost).all()
+    near = mle_batch(scan, found.position + rng.normal(size=starts.shape) * 0.01)
+    assert (near.cost >= found.cost - 1e-9).all()  # and at a minimum
+
+
+def test_a_few_iterations_do():
+    scan, _, starts = cloud(4000, box=(0.0, 2.0))
+    found = mle_batch(scan, starts)
+    assert found.iterations.mean() < 8.0
+    assert mle_batch(scan, found.position).iterations.max() <= 6
+
+
 def test_raw_newton_goes_astray_where_the_damped_search_does_not():
     scan, truth, starts = cloud(300, box=(0.0, 2.0))
     found = [newton(scan._replace(ranges=z), p) for z, p in zip(scan.ranges, starts, strict=True)]

@@ -12,7 +12,7 @@ from trackfield.errors import InputError
 from trackfield.localization.range_likelihood import RangeScan
 from trackfield.localization.range_mle import mle
 from trackfield.localization.range_start import Degeneracy, locate
-from trackfield.sensing.range import RangeModel, distance, expected, simulate, variance
+from trackfield.sensing.range import RangeModel, columns, distance, expected, simulate, variance
 
 MODEL = RangeModel(bias_m=0.1, scale=0.01, sigma_m=0.1, sigma_scale=0.01)
 
@@ -75,6 +75,37 @@ def test_exact_ranges_give_the_exact_position(seed, size):
     assert min(off) < 1e-5
 
 
+@pytest.mark.parametrize(
+    ("sensors", "ranges", "loud", "best"),
+    [
+        ([[7.5, 2.3], [9.3, 6.4], [1.5, 2.3]], [6.2, 8.8, 0.7], 1.0, [1.45, 2.97]),
+        (
+            [[1.9, 8.1], [0.7, 0.2], [8.8, 1.2], [3.2, 0.1], [6.0, 0.6]],
+            [9.1, 8.9, 2.1, 6.0, 2.8],
+            3.0,
+            [8.46, 2.73],
+        ),
+        (
+            [[6.7, 9.7, 8.1], [8.7, 6.3, 0.1], [4.7, 4.3, 9.3], [0.3, 7.1, 0.1]],
+            [5.2, 9.7, 2.2, 10.9],
+            1.0,
+            [6.55, 4.78, 8.98],
+        ),
+    ],
+)
+def test_the_lifted_start_finds_what_the_mirrored_ones_miss(sensors, ranges, loud, best):
+    model = RangeModel(0.1, 0.01, 0.1 * loud, 0.01 * loud)
+    found = locate(RangeScan(np.array(sensors), np.array(ranges), model))
+    assert np.linalg.norm(found.candidates[0].position - best) < 0.4
+
+
+def test_a_start_on_the_line_of_sensors_does_not_hide_the_two_sides():
+    sensors = np.array([[0.8, 0.0], [1.37, 0.0], [8.07, 0.0]])
+    scan = RangeScan(sensors, np.array([1.68, 0.45, 7.58]), RangeModel(sigma_m=0.5))
+    sides = sorted(c.position[1] for c in locate(scan).candidates)
+    np.testing.assert_allclose(sides, [-1.068, 1.068], atol=0.01)
+
+
 def test_two_sensors_in_the_plane_give_both_meeting_points():
     sensors = np.array([[0.0, 0.0], [4.0, 0.0]])
     found = locate(RangeScan(sensors, np.array([3.0, 3.0]), RangeModel(sigma_m=0.05)))
@@ -135,6 +166,12 @@ def test_one_place_only_tells_the_circle(sensors):
     assert found.locus.axes.shape == (2, 2)
 
 
+def test_the_radius_is_freed_of_the_noise_and_weighs_the_readings():
+    models = columns([RangeModel(sigma_m=1.0), RangeModel(sigma_m=1e4)])
+    found = locate(RangeScan(np.zeros((2, 2)), np.array([5.0, 9.0]), models))
+    assert found.locus.radius_m == pytest.approx(math.sqrt(25.0 - 1.0), abs=1e-5)
+
+
 def test_a_line_in_space_tells_a_circle_around_it_and_a_point_a_sphere():
     sensors = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0], [0.0, 0.0, 8.0]])
     truth = np.array([3.0, 4.0, 2.0])
@@ -177,6 +214,19 @@ def test_gross_readings_are_found_and_set_aside(n, d, outliers):
         named += not found.used[wrong].any()
     assert right >= 0.95 * runs
     assert named >= 0.95 * runs
+
+
+def test_another_choice_of_outliers_that_does_as_well_is_told():
+    sensors = np.array([[0.0, 0.0], [3.0, 0.0], [7.0, 0.0], [2.0, 6.0], [6.0, -5.0]])
+    here, image = np.array([4.0, 3.0]), np.array([4.0, -3.0])
+    ranges = distance(sensors, here)
+    ranges[4] = distance(sensors, image)[4]  # sensors 0 to 2 cannot tell, 3 and 4 disagree
+    scan = RangeScan(sensors, ranges, RangeModel(sigma_m=0.05))
+    found = locate(scan, outliers=1)
+    assert found.ambiguous
+    assert found.used.sum() == 4
+    ranges[4] = distance(sensors, here)[4] + 4.0
+    assert not locate(scan._replace(ranges=ranges), outliers=1).ambiguous
 
 
 def test_without_enough_readings_for_proof_none_is_set_aside():

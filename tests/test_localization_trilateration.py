@@ -91,6 +91,15 @@ def test_covariances_are_exact_even_where_the_noise_is_large():
     np.testing.assert_allclose(np.cov(estimates.T), theta, atol=0.03 * np.abs(theta).max())
 
 
+def test_first_order_leaves_out_the_fourth_power_of_the_noise():
+    sensors, target, _ = field(6, 2)
+    for covariance in (trilateration.ordinary_covariance, trilateration.blue_covariance):
+        small = covariance(sensors, target, sigma_m=1e-4)
+        first = covariance(sensors, target, sigma_m=2.0, first_order=True)
+        np.testing.assert_allclose(first, 4e8 * small, rtol=1e-6, atol=1e-9)
+        assert np.trace(covariance(sensors, target, sigma_m=2.0)) > np.trace(first) * 1.01
+
+
 @given(seeds, dimensions)
 def test_ordinary_is_never_better_than_blue_nor_blue_than_the_bound_of_the_ranges(seed, d):
     sensors, target, _ = field(seed, d)

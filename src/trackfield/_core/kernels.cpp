@@ -85,11 +85,12 @@ static Settings settings_from(const nb::dict &d) {
     s.restart_window = int(get(d, "restart_window"));
     nb::list modes = nb::cast<nb::list>(d["modes"]);
     s.modes = int(nb::len(modes));
+    if (s.modes < 1 || s.modes > kMaxModes) throw nb::value_error("1 to 4 modes expected");
     for (int j = 0; j < s.modes; ++j) {
         nb::dict m = nb::cast<nb::dict>(modes[j]);
         s.mode[j].accel_density = get(m, "accel_density");
         s.mode[j].turns = get(m, "turns") != 0;
-        s.switch_rate[j] = get(m, "switch_rate");
+        s.mode[j].switch_rate = get(m, "switch_rate");
     }
     return s;
 }

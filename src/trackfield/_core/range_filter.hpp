@@ -31,40 +31,42 @@ struct SensorModel {
 };
 
 struct Mode {
-    double accel_density = 0.02;  // white acceleration [m^2/s^3]
+    double accel_density = 0;  // white acceleration [m^2/s^3]
     bool turns = false;
+    double switch_rate = 0;    // of leaving the mode [1/s]
 };
 
-// What is settled before the first reading. Defaults live in the Python settings, not here.
+// What is settled before the first reading; Python gives every number (filtering/range_tracker.py).
 struct Settings {
     int dimensions = 2;
     bool height_open = false;
-    double height = 0, height_sigma = 0.5, height_time = 10;
+    double height = 0, height_sigma = 0, height_time = 0;
     double scale_sigma = 0, common_bias_sigma = 0;
-    int modes = 2;
+    int modes = 0;
     Mode mode[kMaxModes];
-    double switch_rate[kMaxModes] = {};  // leaving each mode [1/s]
-    double velocity_time = 100;         // velocity forgets itself [s]
-    double outage_velocity_time = 10;   // the same over steps longer than turn_max_step [s]
-    double velocity_sigma = 1.5;        // of a start, per axis [m/s]
-    double turn_sigma = 0.25, turn_time = 2.5, turn_max_step = 3.0, turn_step = 0.5;
-    double p_nlos = 0.10, nlos_sigmas = 5, p_outlier = 0.02, outlier_sigmas = 30;
-    double shares_weight = 20, memory_shares = 300;
+    double velocity_time = 0;         // velocity forgets itself [s]
+    double outage_velocity_time = 0;  // the same over steps longer than turn_max_step [s]
+    double velocity_sigma = 0;        // of a start, per axis [m/s]
+    double turn_sigma = 0, turn_time = 0, turn_max_step = 0, turn_step = 0;
     bool robust = true;
-    int iterations = 3;
-    double noise_floor = 0.02;   // [m]
-    double memory_own = 20, memory_pool = 300, pool_weight = 10, prior_weight = 10, worst_factor = 100;
-    int slots = 12;
+    double p_nlos = 0, nlos_sigmas = 0, p_outlier = 0, outlier_sigmas = 0;
+    double shares_weight = 0, memory_shares = 0;  // prior and memory of the shares, in readings
+    int iterations = 0;
+    double noise_floor = 0;                       // [m]
+    double memory_own = 0, memory_pool = 0;       // of learned noise, in readings
+    double pool_weight = 0, prior_weight = 0;     // of the pool for a sensor, of the model for the pool
+    double worst_factor = 0;                      // of learned variance over the model's
+    int slots = 0;
     bool slot_bias = false, slot_correlated = false;
-    double slot_idle = 5;  // a slot silent for this long may be given to another sensor [s]
-    double drop_time = 300;
+    double slot_idle = 0;  // a slot silent for this long may be given to another sensor [s]
+    double drop_time = 0;
     double lag_time = 0;
     int lag_steps = 0;
     double every = 0;
-    double window = 1;
-    int start_readings = 6, start_sensors = 4;
-    double start_span = 4;  // readings older than this do not start a track [s]
-    int restart_window = 12;
+    double window = 0;
+    int start_readings = 0, start_sensors = 0;
+    double start_span = 0;  // readings older than this do not start a track [s]
+    int restart_window = 0;
 };
 
 struct Layout {
@@ -382,7 +384,7 @@ class RangeFilter {
         }
         double T[kMaxModes][kMaxModes], c[kMaxModes] = {};
         for (int i = 0; i < M; ++i) {
-            const double leave = (1 - std::exp(-s.switch_rate[i] * dt)) * (M - 1) / M;
+            const double leave = (1 - std::exp(-s.mode[i].switch_rate * dt)) * (M - 1) / M;
             for (int j = 0; j < M; ++j) T[i][j] = i == j ? 1 - leave : leave / (M - 1);
         }
         for (int j = 0; j < M; ++j)

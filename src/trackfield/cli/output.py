@@ -42,8 +42,9 @@ def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: 
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, collapse_padding=True, title=title or None, title_justify="left")
-    for i, column in enumerate(columns):  # as Text: what stands in [] is no style
+    table = Table(box=SIMPLE_HEAD, collapse_padding=True, title_justify="left")
+    table.title = Text(title) if title else None  # as Text: what stands in [] is no style
+    for i, column in enumerate(columns):
         table.add_column(Text(column), justify="right" if i else "left", no_wrap=True)
     for row in rows:
         table.add_row(*map(Text, row))

@@ -43,8 +43,8 @@ class Size(NamedTuple):
 
 
 FULL = Size(100, 100, 0.0, Part(20, 10), Part(8, 20))
-QUICK = Size(12, 12, 25.0, Part(3, 10, 100), Part(1, 12, 100))
-RUNS_OF_FILTERS = 30  # over all parts, for the progress
+QUICK = Size(12, 12, 30.0, Part(3, 10, 100), Part(1, 12, 100))
+RUNS_OF_FILTERS = 29  # over all parts, for the progress
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ _PAD = bytes(PADDING)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TextColumn:
-    """Cells as bytes `start` to `end` of `buffer`, which has `PADDING` bytes more."""
+    """Cells, at least one, as bytes `start` to `end` of `buffer`, which goes on for `PADDING`."""
 
     buffer: Bytes
     start: Places
@@ -33,8 +33,6 @@ class TextColumn:
 
     def names(self, known: dict[str, int]) -> tuple[Indices, int | None]:
         """Places of names in `known`, which grows; -1 for empty cells."""
-        if not self.start.size:
-            return np.empty(0, np.int32), None
         first, which = distinct(self.buffer, self.start, self.end)
         places = np.full(first.size, -1, np.int32)
         for i, row in enumerate(first.tolist()):
