@@ -121,7 +121,7 @@ def _readings(r: _Reader) -> int:
 
 def _state(r: _Reader) -> tuple[Belief, int]:
     belief, recent = _belief(r), _readings(r)
-    r.several("id")
+    r.several("iiid")
     return belief, recent
 
 

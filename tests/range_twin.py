@@ -231,7 +231,7 @@ class Twin:
             if slot.sensor < 0:
                 continue
             a = self.models[slot.sensor]
-            correlated = a.correlated_sigma**2 * (self.pool() if a.learn else 1.0)
+            correlated = self.correlated(a)
             for name in self.own:
                 at = self.state_of(i, name)
                 if i in fresh:
@@ -273,16 +273,24 @@ class Twin:
         return scale * r + a.bias + x[added].sum(), H, r
 
     def variance(self, z, r):
-        a = self.models[z.sensor]
+        a, i = self.models[z.sensor], self.slot_of(z.sensor)
+        least = 1e-3**2
         if z.sigma > 0:
-            return float(np.float32(z.sigma)) ** 2 + a.scale_variance * r**2
-        v = a.variance + a.scale_variance * r**2
-        if not a.learn:
-            return v
-        pull, i = self.s["pool_weight"], self.slot_of(z.sensor)
-        own = Slot() if i is None else self.slots[i]
-        v *= (pull * self.pool() + own.power) / (pull + own.weight)
-        return max(v, self.s["noise_floor"] ** 2)
+            v = max(float(np.float32(z.sigma)) ** 2, least) + a.scale_variance * r**2
+        else:
+            v = max(a.variance, least) + a.scale_variance * r**2
+            if a.learn:
+                pull = self.s["pool_weight"]
+                own = Slot() if i is None else self.slots[i]
+                v *= (pull * self.pool() + own.power) / (pull + own.weight)
+                v = max(v, self.s["noise_floor"] ** 2)
+        if i is None:
+            v += a.bias_sigma**2 if "slot_bias" in self.own else 0.0
+            v += self.correlated(a) if "slot_correlated" in self.own else 0.0
+        return v
+
+    def correlated(self, a):
+        return a.correlated_sigma**2 * (self.pool() if a.learn else 1.0)
 
     def pool(self):
         k = self.s["prior_weight"]

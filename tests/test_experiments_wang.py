@@ -138,7 +138,7 @@ def test_figures_are_drawn(found, tmp_path):
     for name, figure in drawn.items():
         figure.savefig(tmp_path / f"{name}.png", dpi=40)
         assert (tmp_path / f"{name}.png").stat().st_size > 2000
-    lines = {line.get_label() for line in drawn["road_c"].axes[1].lines}
+    lines = {line.get_label() for line in drawn["road_c"].axes[-1].lines}
     assert {PAPER, EKF, MLE, LIVE} <= lines
 
 

@@ -112,6 +112,23 @@ def test_newton_strays_from_bad_starts_and_the_safe_search_does_not():
     assert error[Mode.SAFE] == 0.0
 
 
+def test_the_safe_search_takes_the_likelier_side_of_sensors_almost_in_line():
+    sensors = np.array([[0.0, 0.0], [2.0, 0.3], [4.0, 0.0], [6.0, 0.2]])
+    truth = np.array([[2.5, 1.5], [2.5, -1.5]])
+    z = np.linalg.norm(truth[:, None] - sensors, axis=-1)
+    scan = RangeScan(sensors, z, RangeModel(sigma_m=0.02))
+    astray = converted.prelocalize(scan, truth[::-1] * [1.0, 1.1], mode=Mode.FISHER)
+    assert (np.linalg.norm(astray.position - truth, axis=1) > 1.0).all()
+    found = [
+        converted.prelocalize(scan, starts, mode=Mode.SAFE).position
+        for starts in (truth[::-1] * [1.0, 1.1], truth)
+    ]
+    # One of the two is on the side to which the middle of the sensors leads.
+    right = np.linalg.norm(found[0] - truth, axis=1) < 1e-6
+    assert right.any()
+    np.testing.assert_allclose(found[1], truth, atol=1e-6)
+
+
 def test_step_is_prediction_prelocalization_and_update():
     _, z, belief = scans(7, runs=3)
     motion, scan = SteppedAcceleration((0.01, 0.02)), RangeScan(SENSORS, z, MODEL)

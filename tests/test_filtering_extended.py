@@ -99,7 +99,7 @@ def test_extended_update_is_the_textbook_one():
 def test_iterated_update_finds_the_most_likely_state(seed):
     prior, z = scene(seed)
     sensor = Ranges(SENSORS, MODEL)
-    found = extended.iterate(prior, z, sensor, iteration=Iteration(rounds=1, tolerance=1e-9))
+    found = extended.iterate(prior, z, sensor, iteration=Iteration(300, rounds=1, tolerance=1e-9))
     assert found.converged
     v, inverse = sensor.variance(z), np.linalg.inv(prior.covariance)
 

@@ -108,6 +108,17 @@ def test_student_rounds_end_where_the_weighted_residuals_balance():
     assert found.update.posterior.mean[0] == pytest.approx(root, abs=0.01)
 
 
+def test_weights_are_the_textbook_ones():
+    # Residuals of 3 and 0.5 standard deviations (2 m) of what was expected.
+    e, spread, v = np.array([6.0, 1.0]), np.full(2, 4.0), np.full(2, 0.5)
+    huber = Huber(1.5)(e, spread, v)
+    np.testing.assert_allclose(huber.trust, [0.5, 1.0])
+    np.testing.assert_allclose(huber.variance, [1.0, 0.5])
+    student = Student(4.0)(e, spread, v)
+    np.testing.assert_allclose(student.trust, [5.0 / 13.0, 1.0])
+    np.testing.assert_allclose(student.variance, [1.3, 0.5])
+
+
 @pytest.mark.parametrize("rule", RULES, ids=repr)
 def test_one_blocked_reading_among_five_does_little_harm(rule):
     truth = np.array([1.2, 2.3, 0.0, 0.0])

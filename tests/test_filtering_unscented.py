@@ -80,6 +80,15 @@ def test_on_a_linear_model_it_is_the_kalman_filter(spread):
     np.testing.assert_allclose(moved.covariance, linear.covariance, rtol=1e-8, atol=1e-9)
 
 
+def test_weights_are_those_of_the_scaled_transform():
+    points = unscented.sigma_points(belief(7), spread=Spread(0.5, 2.0, 1.0))
+    scale = 0.25 * (4 + 1.0) - 4  # lambda
+    other = 0.5 / (4 + scale)
+    first = scale / (4 + scale)
+    np.testing.assert_allclose(points.for_mean, [first, *[other] * 8])
+    np.testing.assert_allclose(points.for_covariance, [first + 1 - 0.25 + 2.0, *[other] * 8])
+
+
 def test_update_is_the_textbook_one():
     prior = belief(2)
     sensor = Ranges(SENSORS, RangeModel(sigma_m=0.2))

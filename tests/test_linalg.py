@@ -18,16 +18,12 @@ def definite(rng, n, *, count=3):
 
 
 @given(seeds, sizes)
-def test_solve_and_inverse_agree_with_lu(seed, n):
+def test_solve_meets_its_equations(seed, n):
     rng = np.random.default_rng(seed)
     P, b = definite(rng, n), rng.normal(size=(3, n, 2))
     x, ok = linalg.solve(P, b)
     assert ok.all()
     np.testing.assert_allclose(P @ x, b, atol=1e-6 * np.abs(x).max() * np.abs(P).max())
-    inverse, ok = linalg.inverse(P)
-    assert ok.all()
-    np.testing.assert_array_equal(inverse, np.swapaxes(inverse, -1, -2))
-    np.testing.assert_allclose(inverse, np.linalg.inv(P), rtol=1e-6, atol=1e-9)
 
 
 def test_a_failure_is_a_flag_for_its_own_item_and_never_nan():
@@ -96,3 +92,6 @@ def test_mahalanobis_is_the_quadratic_form(seed, n):
 @pytest.mark.parametrize("probability", [0.5, 0.95, 0.9999])
 def test_gate_is_the_chi_square_quantile(degrees, probability):
     assert linalg.gate(probability, degrees) == pytest.approx(chi2.ppf(probability, degrees))
+    several = linalg.gate(probability, np.array([degrees, degrees + 1]))
+    assert several.shape == (2,)
+    assert several[0] == linalg.gate(probability, degrees)

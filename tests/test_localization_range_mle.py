@@ -184,6 +184,20 @@ def test_the_search_never_ends_uphill_of_its_start():
     assert (near.cost >= found.cost - 1e-9).all()  # and at a minimum
 
 
+def test_gross_errors_in_a_bad_geometry_do_not_drive_the_search_away():
+    rng = np.random.default_rng(34)
+    model = RangeModel(sigma_m=0.05, sigma_scale=0.1)
+    sensors = np.array([[0.0, 0.0], [5.0, 0.01], [2.0, 0.03]])
+    truth, starts = rng.uniform(-5, 10, (2000, 2)), rng.uniform(-20, 20, (2000, 2))
+    z = simulate(model, sensors, path=truth[:, None], rng=rng).value[:, 0]
+    scan = RangeScan(sensors, z + np.array([3.0, 0.0, 0.0]), model)
+    found = mle_batch(scan, starts)
+    assert found.converged.mean() > 0.998
+    given_problem = problem(scan)
+    before = terms(given_problem, starts, exact=True).cost
+    assert np.mean(found.cost <= before) > 0.998
+
+
 def test_a_few_iterations_do():
     scan, _, starts = cloud(4000, box=(0.0, 2.0))
     found = mle_batch(scan, starts)

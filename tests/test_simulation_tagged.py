@@ -90,6 +90,16 @@ def test_targets_stay_inside_and_move_as_their_velocity_says():
     np.testing.assert_allclose(moved[away], mean[away], atol=1e-9)
 
 
+def test_walls_throw_back_like_mirrors():
+    world = World(targets=40, steps=300, speed_m_s=2.0, accel_sigma_m_s2=0.0)
+    states = tagged.paths(np.random.default_rng(4), site(), world)
+    t = 0.1 * np.arange(300)[:, None]
+    for axis, width in ((0, 20.0), (1, 10.0)):
+        straight = states[:, 0, axis] + t * states[:, 0, 2 + axis]
+        folded = width - np.abs(straight % (2 * width) - width)
+        np.testing.assert_allclose(states[..., axis].T, folded, atol=1e-9)
+
+
 def test_noise_is_that_of_the_site():
     world = World(targets=100, steps=60)
     noisy, truth = tagged.wander(np.random.default_rng(2), site(sigma_m=0.3), world)

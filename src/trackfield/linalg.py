@@ -42,12 +42,6 @@ def solve(matrix: Matrix, right: Matrix) -> Solved:
     return Solved(np.asarray(value, np.float64), ok)
 
 
-def inverse(matrix: Matrix) -> Solved:
-    """Inverse of positive definite matrices (..., n, n), exactly symmetric."""
-    value, ok = solve(matrix, np.broadcast_to(np.eye(matrix.shape[-1]), matrix.shape))
-    return Solved(0.5 * (value + np.swapaxes(value, -1, -2)), ok)
-
-
 def covariance_of(information: Matrix) -> Solved:
     """Inverse of information (..., n, n) that stays finite where a direction has no information.
 
@@ -82,12 +76,12 @@ def mahalanobis2(residual: Vector, covariance: Matrix) -> Solved:
     return Solved(np.where(ok, np.sum(white**2, axis=-1), 0.0), ok)
 
 
-def gate(probability: float, degrees: int) -> float:
+def gate(probability: float, degrees: int | Vector) -> Vector:
     """Squared distance within which a Gaussian of `degrees` entries lies with `probability`.
 
-    The chi-square quantile.
+    The chi-square quantile, in the shape of `degrees`.
     """
-    return 2.0 * float(gammaincinv(degrees / 2.0, probability))
+    return np.asarray(2.0 * gammaincinv(np.asarray(degrees) / 2.0, probability), dtype=np.float64)
 
 
 def _cholesky_by_columns(matrix: Matrix) -> Solved:

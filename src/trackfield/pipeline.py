@@ -19,7 +19,7 @@ from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site
-from trackfield.types import Indices, Readings, Tracks, concatenate_tracks, select_rows
+from trackfield.types import Indices, Readings, Tracks, Vector, concatenate_tracks, select_rows
 
 _MAGIC = b"TRACKFLD"
 _VERSION = 1
@@ -60,7 +60,8 @@ class Tracker:
         columns = [site.models, *site.target_models.values()]
         self._offsets = np.array([[m.clock_offset_s for m in models] for models in columns])
         self._targets: dict[str, int] = {}
-        self._tracks: dict[tuple[int, int], int] = {}
+        self._tracks = 0  # numbers given so far
+        self._numbers = np.zeros((1, 1), np.int32)  # of a target's first, second, ... track; 0: none
         self._heard = np.zeros(len(site.sensor_ids), bool)
 
     @property
@@ -94,38 +95,36 @@ class Tracker:
         head = json.dumps(
             {
                 "targets": list(self._targets),
-                "tracks": [[*key, number] for key, number in self._tracks.items()],
+                "tracks": [*self._numbers.shape, *self._numbers.ravel().tolist()],
                 "heard": np.flatnonzero(self._heard).tolist(),
             }
         ).encode()
-        return b"".join(
-            (
-                _MAGIC,
-                struct.pack("<HI", _VERSION, len(head)),
-                self._digest(),
-                head,
-                self._bank.snapshot(),
-            )
-        )
+        body = head + self._bank.snapshot()
+        start = struct.pack("<HI", _VERSION, len(head))
+        return b"".join((_MAGIC, start, self._digest(), hashlib.sha256(body).digest(), body))
 
     def restore(self, data: bytes) -> None:
         """Take up the run where `snapshot` left it: all that follows is the same bit by bit."""
         start = len(_MAGIC) + 6
-        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 32:
+        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 64:
             raise StateError("found bytes that are not a tracker's snapshot")
         version, size = struct.unpack_from("<HI", data, len(_MAGIC))
         if version != _VERSION:
             raise StateError(f"found a snapshot of version {version}, expected {_VERSION}")
         if data[start : start + 32] != self._digest():
             raise StateError("found a snapshot of another site or of other options than this tracker's")
-        start += 32
+        body = data[start + 64 :]
+        if data[start + 32 : start + 64] != hashlib.sha256(body).digest() or size > len(body):
+            raise StateError("found a damaged snapshot: its bytes do not match their own digest")
+        head = json.loads(body[:size])
         try:
-            head = json.loads(data[start : start + size])
-            self._bank.restore(data[start + size :])
-        except (ValueError, RuntimeError) as error:
+            self._bank.restore(body[size:])
+        except RuntimeError as error:
             raise StateError(f"found a damaged snapshot: {error}") from error
         self._targets = {name: i for i, name in enumerate(head["targets"])}
-        self._tracks = {(target, count): number for target, count, number in head["tracks"]}
+        rows, columns, *numbers = head["tracks"]
+        self._numbers = np.array(numbers, np.int32).reshape(rows, columns)
+        self._tracks = int(self._numbers.max())
         self._heard[:] = False
         self._heard[head["heard"]] = True
 
@@ -144,6 +143,8 @@ class Tracker:
         return hashlib.sha256(repr(parts).encode()).digest()
 
     def _add(self, readings: Readings) -> None:
+        _require_finite(readings.t_s, "t_s")
+        _require_finite(readings.value, "value")
         sensor = self._sensor_numbers(readings)
         target = self._target_numbers(readings)
         t = readings.t_s
@@ -217,13 +218,27 @@ class Tracker:
         """Number tracks in order of appearance, whatever target they belong to."""
         if not target.size:
             return target
-        key = target.astype(np.int64) << 32 | count
-        distinct, first, where = np.unique(key, return_index=True, return_inverse=True)
-        numbers = np.empty(distinct.size, np.int32)
-        for i in np.argsort(first):
-            pair = (int(distinct[i] >> 32), int(distinct[i] & 0xFFFFFFFF))
-            numbers[i] = self._tracks.setdefault(pair, len(self._tracks) + 1)
-        return numbers[where]
+        shape = (int(target.max()) + 1, int(count.max()) + 1)
+        known = self._numbers
+        if shape[0] > known.shape[0] or shape[1] > known.shape[1]:
+            grown = np.zeros(np.maximum(np.array(known.shape) * 2, shape), np.int32)
+            grown[: known.shape[0], : known.shape[1]] = known
+            self._numbers = known = grown
+        numbers = known[target, count]
+        for row in np.flatnonzero(numbers == 0):
+            if known[target[row], count[row]] == 0:
+                self._tracks += 1
+                known[target[row], count[row]] = self._tracks
+        return known[target, count]
+
+
+def _require_finite(column: Vector, name: str) -> None:
+    finite = np.isfinite(column)
+    if not np.all(finite):
+        row = int(np.argmin(finite))
+        raise InputError(
+            f"reading {row + 1}: found {name} {column[row]:g}, expected a finite number"
+        )
 
 
 def track(
@@ -259,5 +274,7 @@ def require_tracks(tracker: Tracker) -> None:
 
 
 def sort_rows(tracks: Tracks) -> Tracks:
-    """Rows in order of time; rows of one time stay in the order of their tracks."""
-    return select_rows(tracks, np.lexsort((tracks.track, tracks.t_s)))
+    """Rows in order of time; rows of one time stay in the order in which they were shown."""
+    if np.all(tracks.t_s[1:] >= tracks.t_s[:-1]):
+        return tracks
+    return select_rows(tracks, np.argsort(tracks.t_s, kind="stable"))

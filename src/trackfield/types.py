@@ -255,6 +255,9 @@ def select_rows(table: Table, rows: NDArray[Any]) -> Table:
 
 def concatenate_tracks(parts: Sequence[Tracks]) -> Tracks:
     """Join rows of one run in the order of `parts`; the last part knows all target names."""
+    filled = [part for part in parts if len(part)]
+    if len(filled) == 1:
+        return replace(filled[0], target_ids=parts[-1].target_ids)
     return Tracks(
         t_s=np.concatenate([part.t_s for part in parts]),
         track=np.concatenate([part.track for part in parts]),

@@ -18,8 +18,8 @@ struct Row {
 };
 
 struct Counts {
-    int64_t accepted = 0, duplicate = 0, late = 0, out_of_range = 0;
-    int64_t started = 0, restarted = 0, ended = 0, rewound = 0;
+    int64_t accepted = 0, duplicate = 0, late = 0, out_of_range = 0, rewound = 0;
+    int64_t started = 0, restarted = 0, ended = 0;  // kept by the targets, since a rewind takes them back
 };
 
 // All that one target's future depends on: what a checkpoint copies.
@@ -27,6 +27,7 @@ struct State {
     Belief belief;
     std::vector<Reading> recent;  // to start or restart from
     int32_t tracks = 0;           // tracks this target has had
+    int32_t restarts = 0, ends = 0;
     double last_row = -1e300;
 };
 
@@ -48,7 +49,7 @@ struct TargetRecord {
     double dirty = 1e300;         // earliest late reading not yet replayed
 };
 
-template <class Ar> void visit(Ar &ar, State &s) { visit_all(ar, s.belief, s.recent, s.tracks, s.last_row); }
+template <class Ar> void visit(Ar &ar, State &s) { visit_all(ar, s.belief, s.recent, s.tracks, s.restarts, s.ends, s.last_row); }
 template <class Ar> void visit(Ar &ar, Checkpoint &c) { visit_all(ar, c.t, c.state); }
 template <class Ar> void visit(Ar &ar, TargetRecord &r) {
     uint64_t used = r.used;
@@ -67,7 +68,7 @@ template <class Ar> void visit(Ar &ar, Row &r) {
     visit_all(ar, r.t, r.nis, r.track, r.target, r.status);
 }
 template <class Ar> void visit(Ar &ar, Counts &c) {
-    visit_all(ar, c.accepted, c.duplicate, c.late, c.out_of_range, c.started, c.restarted, c.ended, c.rewound);
+    visit_all(ar, c.accepted, c.duplicate, c.late, c.out_of_range, c.rewound);
 }
 
 class Bank {
@@ -113,7 +114,7 @@ class Bank {
             ++counts.accepted;
             return;
         }
-        if (z.t < newest - s.window) { ++counts.late; return; }
+        if (s.window <= 0 || z.t < newest - s.window) { ++counts.late; return; }
         auto at = std::lower_bound(r.window.begin(), r.window.end(), z.t,
                                    [](const Reading &o, double t) { return o.t < t; });
         auto end = at;
@@ -130,7 +131,19 @@ class Bank {
             if (!r.open.empty() && r.open.front().t <= watermark) close(r);
             else if (r.dirty < 1e300) replay(r);
             if (s.every > 0) coast(r, watermark);
+            const Belief &b = r.live.belief;
+            if (r.open.empty() && b.alive && watermark - b.last_update > s.drop_time) end(r);
         }
+    }
+
+    Counts total() const {
+        Counts sum = counts;
+        for (const TargetRecord &r : targets) {
+            sum.started += r.live.tracks;
+            sum.restarted += r.live.restarts;
+            sum.ended += r.live.ends;
+        }
+        return sum;
     }
 
     // One target's scan is complete.
@@ -308,7 +321,6 @@ class Bank {
         Belief &b = r.live.belief;
         f.init(b, t, found.position, found.cov);
         b.track = r.live.tracks++;
-        ++counts.started;
         return true;
     }
 
@@ -334,17 +346,19 @@ class Bank {
         fresh.pending = std::move(b.pending);
         for (Pending &p : fresh.pending) std::fill(p.gain.begin(), p.gain.end(), 0.0);
         b = std::move(fresh);
-        ++counts.restarted;
+        ++r.live.restarts;
         return true;
     }
 
     void end(TargetRecord &r) {
         Belief &b = r.live.belief;
         flush(r, true);
-        emit(r, row_of(r, b.last_update + s.drop_time, kEnded, NAN));
+        filter(r).predict(b, b.last_update + s.drop_time, {}, false);
+        filter(r).combine(b);
+        emit(r, row_of(r, b.t, kEnded, NAN));
         b = Belief{};
         r.live.recent.clear();
-        ++counts.ended;
+        ++r.live.ends;
     }
 
     Row row_of(TargetRecord &r, double t, Status status, double nis) {

@@ -102,7 +102,7 @@ static std::vector<SensorModel> models_from(InMatrix table) {
     std::vector<SensorModel> models(table.shape(0));
     for (size_t i = 0; i < models.size(); ++i) {
         const double *r = table.data() + i * 13;
-        models[i] = {r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12], r[7] + 5 * std::sqrt(r[5])};
+        models[i] = {r[0], r[1], r[2], r[3], r[4], std::max(r[5], kLeastSigma * kLeastSigma), r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12], r[7] + 5 * std::sqrt(r[5])};
     }
     return models;
 }
@@ -148,7 +148,7 @@ NB_MODULE(_kernels, m) {
         .def("restore", [](Bank &self, const nb::bytes &data) { self.restore(data.c_str(), data.size()); })
         .def("counts", [](const Bank &self) {
             nb::dict o;
-            const Counts &c = self.counts;
+            const Counts c = self.total();
             o["accepted"] = c.accepted;
             o["duplicate"] = c.duplicate;
             o["late"] = c.late;

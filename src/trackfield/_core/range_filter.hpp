@@ -16,6 +16,7 @@ namespace trackfield {
 
 constexpr double kTwoPi = 6.283185307179586;
 constexpr int kMaxModes = 4;
+constexpr double kLeastSigma = 1e-3;  // of a range [m]: less would drown in rounding
 
 struct SensorModel {
     double x = 0, y = 0, z = 0;
@@ -126,15 +127,14 @@ struct Belief {
 
 // Room for intermediate results, shared by all targets of a bank.
 struct Scratch {
-    std::vector<double> mix_mean[kMaxModes], mix_cov[kMaxModes], A, C, G, X, chol, m_pred, P_pred, PH, d;
-    std::vector<double> x, P, x_lin;
+    std::vector<double> mix_mean[kMaxModes], mix_cov[kMaxModes], A, C, G, X, chol, m_pred, P_pred, d;
     std::vector<int> fresh;  // slots given to another sensor in this step
     void size(int n) {
         const size_t nn = size_t(n) * n;
         for (auto &v : mix_mean) v.resize(n);
         for (auto &v : mix_cov) v.resize(nn);
-        for (auto *v : {&A, &C, &G, &X, &chol, &P_pred, &P}) v->resize(nn);
-        for (auto *v : {&m_pred, &PH, &d, &x, &x_lin}) v->resize(n);
+        for (auto *v : {&A, &C, &G, &X, &chol, &P_pred}) v->resize(nn);
+        for (auto *v : {&m_pred, &d}) v->resize(n);
     }
 };
 
@@ -159,6 +159,10 @@ class RangeFilter {
     RangeFilter(const Settings &settings, const std::vector<SensorModel> &sensors)
         : s(settings), sensors_(sensors), L(settings) {
         scratch.size(L.n);
+        for (Lane &a : lanes_) {
+            for (auto *v : {&a.x, &a.x_lin, &a.PH}) v->resize(L.n);
+            a.P.resize(size_t(L.n) * L.n);
+        }
         for (const SensorModel &a : sensors_) placement = std::max(placement, a.placement_variance);
     }
 
@@ -225,10 +229,8 @@ class RangeFilter {
     // Conditions on the readings of one time, all modes; returns the log-likelihood of the scan.
     void update(Belief &b, const std::vector<Reading> &scan, bool smoothing) {
         double loglik[kMaxModes], best = -1e300;
-        for (int j = 0; j < s.modes; ++j) {
-            loglik[j] = condition(b, j, scan);
-            best = std::max(best, loglik[j]);
-        }
+        condition(b, scan, loglik);
+        for (int j = 0; j < s.modes; ++j) best = std::max(best, loglik[j]);
         double total = 0;
         for (int j = 0; j < s.modes; ++j)
             total += (b.mode_probability[j] = std::max(b.mode_probability[j] * std::exp(loglik[j] - best), 1e-12));
@@ -285,14 +287,21 @@ class RangeFilter {
         H.expected = k * r + a.bias;
     }
 
-    // White variance of a reading: the model's, times what was learned, or what the sensor said.
+    // White variance of a reading: the model's, times what was learned, or what the sensor said. A
+    // sensor without a slot has its own errors in it.
     double variance(const Belief &b, const Reading &z, double r) const {
         const SensorModel &a = sensors_[z.sensor];
-        if (z.sigma > 0) return sq(z.sigma) + a.scale_variance * r * r;
-        double v = a.variance + a.scale_variance * r * r;
-        if (a.learn) v *= factor(b, z.sensor);
-        return a.learn ? std::max(v, sq(s.noise_floor)) : v;
+        double v = (z.sigma > 0 ? said(z) : a.variance) + a.scale_variance * r * r;
+        if (a.learn && !(z.sigma > 0)) v = std::max(v * factor(b, z.sensor), sq(s.noise_floor));
+        if (L.per_slot && slot_of(b, z.sensor) < 0) {
+            if (L.slot_bias >= 0) v += sq(a.bias_sigma);
+            if (L.slot_correlated >= 0) v += correlated_variance(b, a);
+        }
+        return v;
     }
+
+    // What a sensor said of its noise, within what arithmetic bears: 1 mm to 1000 km.
+    static double said(const Reading &z) { return sq(std::clamp(double(z.sigma), kLeastSigma, 1e6)); }
 
     void combine(Belief &b) const {
         switch (L.n) {
@@ -612,68 +621,103 @@ class RangeFilter {
     }
 
   private:
-    // Iterated update of one mode by the readings of one time; returns their log-likelihood.
-    double condition(Belief &b, int j, const std::vector<Reading> &scan) {
+    // One mode on its way through the readings of a scan.
+    struct Lane {
+        std::vector<double> x, P, x_lin, PH;
+        double loglik = 0, product = 1;
+        double bend = 1e300;  // least R r^2 of the scan
+        bool settled = false;
+    };
+    Lane lanes_[kMaxModes];
+
+    // Iterated update of all modes by the readings of one time; their log-likelihoods.
+    void condition(Belief &b, const std::vector<Reading> &scan, double *loglik) {
         // A size known to the compiler unrolls the small loops; so does a slope with two entries.
         const bool plain = L.D == 2 && L.height < 0 && L.scale < 0 && L.bias < 0 && L.per_slot == 0;
-        if (plain && L.n == 4) return condition_sized<4, true>(b, j, scan);
-        if (plain && L.n == 5) return condition_sized<5, true>(b, j, scan);
-        return condition_sized<0, false>(b, j, scan);
+        if (plain && L.n == 4) return condition_sized<4, true>(b, scan, loglik);
+        if (plain && L.n == 5) return condition_sized<5, true>(b, scan, loglik);
+        return condition_sized<0, false>(b, scan, loglik);
     }
 
     template <int N, bool Plain>
-    double condition_sized(Belief &b, int j, const std::vector<Reading> &scan) {
+    void condition_sized(Belief &b, const std::vector<Reading> &scan, double *loglik) {
         const int n = N ? N : L.n;
-        std::vector<double> &x0 = b.mean[j], &P0 = b.cov[j];
-        double *x = scratch.x.data(), *P = scratch.P.data(), *PH = scratch.PH.data(), *x_lin = scratch.x_lin.data();
-        std::copy(x0.begin(), x0.end(), x_lin);
         double share[3];
         shares(b, share);
-        double loglik = 0;
-        for (int it = 0; it < s.iterations; ++it) {
-            std::copy(x0.begin(), x0.end(), x);
-            std::copy(P0.begin(), P0.end(), P);
-            loglik = 0;
-            double product = 1, bend = 1e300;
-            for (const Reading &z : scan) {
-                Jacobian H;
-                if constexpr (Plain)
-                    linearize_plain(x_lin, z.sensor, H);
-                else
-                    linearize(x_lin, z.sensor, b, H);
-                const int count = Plain ? 2 : H.count;
-                double e = z.value - H.expected;
-                for (int k = 0; k < count; ++k) e -= H.value[k] * (x[H.index[k]] - x_lin[H.index[k]]);
-                const double *p0 = P + H.index[0] * n, *p1 = P + H.index[1] * n;
-                for (int c = 0; c < n; ++c) PH[c] = H.value[0] * p0[c] + H.value[1] * p1[c];
-                for (int k = 2; k < count; ++k) {
-                    const double *p = P + H.index[k] * n;
-                    for (int c = 0; c < n; ++c) PH[c] += H.value[k] * p[c];
-                }
-                double hph = 0;
-                for (int k = 0; k < count; ++k) hph += H.value[k] * PH[H.index[k]];
-                const double R = variance(b, z, H.distance);
-                bend = std::min(bend, R * H.distance * H.distance);
-                double gain, shrink;
-                product *= weigh(share, e, hph, R, gain, shrink);
-                if (product < 1e-200 || product > 1e200) { loglik += std::log(std::max(product, 1e-300)); product = 1; }
-                for (int c = 0; c < n; ++c) x[c] += gain * PH[c];
-                for (int r = 0; r < n; ++r) {
-                    const double f = shrink * PH[r];
-                    double *p = P + r * n;
-                    for (int c = 0; c < n; ++c) p[c] -= f * PH[c];
-                }
-            }
-            loglik += std::log(std::max(product, 1e-300));
-            double moved = 0;
-            for (int i = 0; i < L.D; ++i) moved += sq(x[i] - x_lin[i]);
-            std::copy(x, x + n, x_lin);
-            // What linearizing left out is moved / (2 r): far below the noise, another round is idle.
-            if (sq(moved) < 4 * sq(0.02) * bend) break;
+        for (int j = 0; j < s.modes; ++j) {
+            lanes_[j].settled = false;
+            std::copy(b.mean[j].begin(), b.mean[j].end(), lanes_[j].x_lin.begin());
         }
-        std::copy(x, x + n, x0.begin());
-        std::copy(P, P + n * n, P0.begin());
-        return loglik;
+        for (int it = 0; it < s.iterations; ++it) {
+            bool all = true;
+            for (int j = 0; j < s.modes; ++j) {
+                Lane &a = lanes_[j];
+                if (a.settled) continue;
+                all = false;
+                std::copy(b.mean[j].begin(), b.mean[j].end(), a.x.begin());
+                std::copy(b.cov[j].begin(), b.cov[j].end(), a.P.begin());
+                a.loglik = 0;
+                a.product = 1;
+                a.bend = 1e300;
+            }
+            if (all) break;
+            // Modes inside readings: each is a long chain of operations, and they run side by side.
+            for (const Reading &z : scan)
+                for (int j = 0; j < s.modes; ++j)
+                    if (!lanes_[j].settled) absorb<N, Plain>(lanes_[j], b, z, share);
+            for (int j = 0; j < s.modes; ++j) {
+                Lane &a = lanes_[j];
+                if (a.settled) continue;
+                a.loglik += std::log(std::max(a.product, 1e-300));
+                double moved = 0;
+                for (int i = 0; i < L.D; ++i) moved += sq(a.x[i] - a.x_lin[i]);
+                std::copy(a.x.begin(), a.x.begin() + n, a.x_lin.begin());
+                // What linearizing left out is moved / (2 r): far below the noise, another round is idle.
+                a.settled = sq(moved) < 4 * sq(0.02) * a.bend;
+            }
+        }
+        for (int j = 0; j < s.modes; ++j) {
+            b.mean[j].swap(lanes_[j].x);
+            b.cov[j].swap(lanes_[j].P);
+            loglik[j] = lanes_[j].loglik;
+        }
+    }
+
+    // One reading, linearized at x_lin, into x and P.
+    template <int N, bool Plain>
+    void absorb(Lane &a, const Belief &b, const Reading &z, const double *share) {
+        const int n = N ? N : L.n;
+        double *x = a.x.data(), *P = a.P.data(), *PH = a.PH.data(), *x_lin = a.x_lin.data();
+        Jacobian H;
+        if constexpr (Plain)
+            linearize_plain(x_lin, z.sensor, H);
+        else
+            linearize(x_lin, z.sensor, b, H);
+        const int count = Plain ? 2 : H.count;
+        double e = z.value - H.expected;
+        for (int k = 0; k < count; ++k) e -= H.value[k] * (x[H.index[k]] - x_lin[H.index[k]]);
+        const double *p0 = P + H.index[0] * n, *p1 = P + H.index[1] * n;
+        for (int c = 0; c < n; ++c) PH[c] = H.value[0] * p0[c] + H.value[1] * p1[c];
+        for (int k = 2; k < count; ++k) {
+            const double *p = P + H.index[k] * n;
+            for (int c = 0; c < n; ++c) PH[c] += H.value[k] * p[c];
+        }
+        double hph = 0;
+        for (int k = 0; k < count; ++k) hph += H.value[k] * PH[H.index[k]];
+        const double R = variance(b, z, H.distance);
+        a.bend = std::min(a.bend, R * H.distance * H.distance);
+        double gain, shrink;
+        a.product *= weigh(share, e, hph, R, gain, shrink);
+        if (a.product < 1e-200 || a.product > 1e200) {
+            a.loglik += std::log(std::max(a.product, 1e-300));
+            a.product = 1;
+        }
+        for (int c = 0; c < n; ++c) x[c] += gain * PH[c];
+        for (int r = 0; r < n; ++r) {
+            const double f = shrink * PH[r];
+            double *p = P + r * n;
+            for (int c = 0; c < n; ++c) p[c] -= f * PH[c];
+        }
     }
 
     // Collapses the mixture line of sight / late (NLOS) / outlier to its first two moments:

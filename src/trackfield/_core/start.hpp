@@ -59,7 +59,7 @@ inline double start_cost(const RangeFilter &f, const std::vector<Reading> &zs, d
         const double moved = f.s.velocity_sigma * (t - z.t);
         double V = moved * moved + RangeFilter::sq(a.correlated_sigma) + RangeFilter::sq(a.bias_sigma) +
                    RangeFilter::sq(f.s.common_bias_sigma) + RangeFilter::sq(f.s.scale_sigma * r);
-        V += z.sigma > 0 ? z.sigma * z.sigma : a.variance + a.scale_variance * r * r;
+        V += z.sigma > 0 ? RangeFilter::said(z) : a.variance + a.scale_variance * r * r;
         if (f.s.height_open) V += RangeFilter::sq(f.s.height_sigma * d[2] / r);
         const double u = e * e / (4 * V);
         cost += 2 * std::log1p(u);

@@ -31,7 +31,7 @@ def figures(outcomes: Mapping[str, Outcome]) -> dict[str, Figure]:
 
 def _testbed(outcome: Outcome) -> Figure:
     """Figs. 2-4: the robot's track by each filter."""
-    figure = _figure(9.0, 3.3)
+    figure = _figure(9.0, 3.7)
     for axes, name in zip(figure.subplots(1, 3, sharey=True), (PAPER, EKF, MLE), strict=True):
         _track(axes, outcome, name, colour=PALETTE[1])
         axes.set(title=name, xlabel="x [m]", aspect="equal")
@@ -41,15 +41,20 @@ def _testbed(outcome: Outcome) -> Figure:
 
 def _road(outcome: Outcome, title: str) -> Figure:
     """Figs. 6-9: one run's tracks, and RMSE over time of all runs."""
-    figure = _figure(9.0, 6.2)
-    above, below = figure.subplots(2, 1, height_ratios=(1.0, 1.0))
+    figure = _figure(9.0, 6.4)
+    axes = figure.subplot_mosaic([["road", "corner"], ["error", "error"]], width_ratios=(3, 2))
     names = (PAPER, EKF, MLE, LIVE)
     for name, colour in zip(names, PALETTE, strict=False):
-        _track(above, outcome, name, colour=colour)
-    above.set(title=title, xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    above.legend(fontsize=8)
-    _errors(below, outcome, names)
-    below.set_ylim(0.0, 0.1)
+        _track(axes["road"], outcome, name, colour=colour)
+        _track(axes["corner"], outcome, name, colour=colour)
+    axes["road"].set(title=title, xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    x, y = _corner(outcome)
+    axes["corner"].set(
+        title="The corner", xlabel="x [m]", xlim=(x - 2, x + 2), ylim=(y - 2, y + 2), aspect="equal"
+    )
+    axes["corner"].legend(fontsize=7, loc="lower left")
+    _errors(axes["error"], outcome, names)
+    axes["error"].set_ylim(0.0, 0.1)
     return figure
 
 
@@ -58,8 +63,16 @@ def _bad_start(outcome: Outcome) -> Figure:
     figure = _figure(7.0, 3.4)
     axes = figure.subplots()
     _errors(axes, outcome, (PAPER, EKF, IEKF, SAFE), smooth=1)
-    axes.set(title="First position wrong by 2 m on each axis", yscale="log")
+    axes.set(title="First position wrong by 2 m on each axis", yscale="log", xlim=(0.0, 10.0))
     return figure
+
+
+def _corner(outcome: Outcome) -> tuple[float, float]:
+    """Find the middle of the turn."""
+    vx, vy = outcome.drive.truth[:, 2:].T
+    heading = np.unwrap(np.arctan2(vy, vx))
+    middle = int(np.argmin(np.abs(heading - 0.5 * (heading[0] + heading[-1]))))
+    return float(outcome.drive.truth[middle, 0]), float(outcome.drive.truth[middle, 1])
 
 
 def _track(axes: Axes, outcome: Outcome, name: str, *, colour: str) -> None:

@@ -7,6 +7,7 @@ All take leading axes, like `filtering.kalman`; a reading that is NaN was not ma
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -139,11 +140,17 @@ def iterate(
             noise = _noise_at(prior, point.x, z, sensor=sensor, noise=noise, weigh=weigh)
         # The noise will change again: only the last round must be exact.
         last = turn == iteration.rounds - 1
-        enough = iteration.tolerance if last else max(iteration.tolerance, 0.01)
+        enough = iteration.tolerance if last else math.sqrt(iteration.tolerance)
+        moved = np.full(z.shape[:-1], np.inf)
         for _ in range(iteration.steps):
-            point, moved = _descend(prior, point, z - noise.bias, sensor, noise.variance, iteration)
-            if np.all(moved <= enough):
+            going = moved > enough  # what has arrived stays: its neighbours must not change it
+            if not going.any():
                 break
+            then, stride = _descend(prior, point, z - noise.bias, sensor, noise.variance, iteration)
+            point = _Point(
+                *(np.where(going[..., None], b, a) for a, b in zip(point, then, strict=True))
+            )
+            moved = np.where(going, stride, moved)
     final = _linearized(prior, point.x, z - noise.bias, sensor=sensor, variance=noise.variance)
     return Iterated(final, moved <= iteration.tolerance, noise)
 

@@ -12,7 +12,7 @@ from trackfield.linalg import cholesky, covariance_of, solve
 from trackfield.localization.range_likelihood import Problem, RangeScan, Terms, problem, terms
 from trackfield.types import Matrix, Vector
 
-ITERATIONS = 100
+ITERATIONS = 200
 DONE = 1e-18  # promised gain of cost at which a search ends: 1e-9 standard deviations are left
 NEAR = 1e-4  # the same where the exact likelihood takes over
 
@@ -174,8 +174,8 @@ def _descend(given: Problem, starts: Matrix, *, done: float, exact: bool) -> _De
         position[taken] = trial[better]
         for whole, part in zip(at, then, strict=True):
             whole[taken] = part[better]
-        relaxed = np.where(damping[live] > 1e-5, 0.1 * damping[live], 0.0)
-        damping[live] = np.where(better, relaxed, np.maximum(10.0 * damping[live], 1e-3))
+        relaxed = np.where(damping[live] > 1e-4, 0.3 * damping[live], 0.0)
+        damping[live] = np.where(better, relaxed, np.maximum(4.0 * damping[live], 1e-2))
         iterations[live] += 1
     return _Descent(position, at, iterations, converged)
 
