@@ -22,7 +22,7 @@ SIGMA_M, DT_S = 0.1, 0.1
 
 
 def batch(targets: int, steps: int, seed: int = 0) -> tuple[Readings, np.ndarray]:
-    """Readings of targets on straight ways, all at once, and where they end (targets, 2)."""
+    """Make readings of targets on straight ways, and where they end (targets, 2)."""
     rng = np.random.default_rng(seed)
     sensors = np.array(CORNERS, float)
     start, velocity = rng.uniform(20, 80, (targets, 2)), 0.3 * rng.standard_normal((targets, 2))
@@ -68,7 +68,8 @@ def main() -> None:
         last = tracks.position[-targets:, :2] - end[tracks.target[-targets:]]
         rmse = float(np.sqrt((last**2).sum(1).mean()))
         print(
-            f"{motion:4s} {targets} targets x {steps} steps x 8 ranges: {used:5.2f} s of processor, "
+            f"{motion:4s} {targets} targets x {steps} steps x 8 ranges: "
+            f"{used:5.2f} s of processor, "
             f"{wall:5.2f} s of wall, {used / targets / steps * 1e6:5.2f} us a scan, "
             f"peak memory {grown:+.0f} MiB, RMSE at the end {rmse:.3f} m"
         )

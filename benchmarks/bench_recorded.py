@@ -61,7 +61,7 @@ def plaza_cases() -> Iterator[Case]:
 
 
 def folder_cases(folder: Path, target: str) -> Iterator[Case]:
-    """A recording in files: calibrated on its first third, and by itself; scored on the rest."""
+    """Take a recording in files, calibrated on its first third or by itself; score the rest."""
     readings = read_readings(folder / "measurements.csv")
     truth = read_truth(folder / "truth.csv")
     file = folder / "site.toml"

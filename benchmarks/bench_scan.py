@@ -1,8 +1,8 @@
 """One scan of 19 ranges: trackfield's tracker against Stone Soup's EKF and a plain NumPy EKF.
 
 A target drives past 19 sensors in range; all see the same readings, interleaved in one process,
-and estimate four states (constant velocity, no IMM). Times are the least of 40 blocks of 100 scans, so that
-a busy machine does not matter, of processor time.
+and estimate four states (constant velocity, no IMM). Times are of the processor, the least of 40
+blocks of 100 scans, so that a busy machine does not matter.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.site import Site, Target, TrackerSettings
+from trackfield.pipeline import Tracker
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix, Vector
 
@@ -37,7 +37,7 @@ class Drive(NamedTuple):
 
 
 def drive(seed: int = 0) -> Drive:
-    """A slow loop among 19 sensors, with noise of both kinds."""
+    """Drive a slow loop among 19 sensors, with noise of both kinds."""
     rng = np.random.default_rng(seed)
     sensors = rng.uniform(-2.0, 2.0, (SENSORS, 2))
     way = np.arange(SCANS) * DT_S * 0.3
@@ -48,7 +48,7 @@ def drive(seed: int = 0) -> Drive:
 
 
 def ours(given: Drive) -> Step:
-    """trackfield's default tracker without IMM, scan by scan; rows are fetched each time."""
+    """Make the default tracker without IMM; a scan a call."""
     n = len(given.sensors)
     site = Site(
         "scan",
@@ -58,12 +58,12 @@ def ours(given: Drive) -> Step:
         Target(motion="cv", accel_sigma_m_s2=ACCEL_SIGMA),
         TrackerSettings(window_s=0.0),
     )
-    bank = create(site, Output())
+    tracker = Tracker(site)
     sensor = np.arange(n, dtype=np.int32)
 
     def step(k: int) -> Position | None:
-        row = bank.step(0, k * DT_S, sensor, given.ranges[k])
-        return None if row is None else row[1:3]
+        fix = tracker.step(k * DT_S, sensor, value=given.ranges[k], target_id="car")
+        return None if fix is None else (fix.x_m, fix.y_m)
 
     return step
 
@@ -114,7 +114,7 @@ def stonesoup_ekf(given: Drive) -> Step:
         def ndim_meas(self) -> int:
             return len(self.sensors)
 
-        def function(self, state, noise=False, **_):  # noqa: ANN001, ANN003, ANN202, FBT002 - its contract
+        def function(self, state, noise=False, **_):  # noqa: ANN001, ANN003, ANN202 - its contract
             offset = np.asarray(state.state_vector[:2, 0], float) - self.sensors
             return StateVector(np.sqrt((offset**2).sum(1)))
 
@@ -162,10 +162,7 @@ def compare(steps: dict[str, Step], given: Drive) -> dict[str, tuple[float, floa
             for k, position in zip(range(block, block + BLOCK), found, strict=True):
                 if position is not None and k >= BLOCK:
                     errors[name].append(float(((np.array(position) - given.path[k]) ** 2).sum()))
-    return {
-        name: (min(times[name][1:]), float(np.sqrt(np.mean(errors[name]))))
-        for name in steps
-    }
+    return {name: (min(times[name][1:]), float(np.sqrt(np.mean(errors[name])))) for name in steps}
 
 
 def main() -> None:
@@ -179,7 +176,9 @@ def main() -> None:
     found = compare(steps, given)
     mine = found["trackfield"][0]
     for name, (seconds, rmse) in found.items():
-        print(f"{name:16s} {seconds * 1e6:8.1f} us a scan {seconds / mine:8.1f} x   RMSE {rmse:.4f} m")
+        print(
+            f"{name:16s} {seconds * 1e6:8.1f} us a scan {seconds / mine:8.1f} x   RMSE {rmse:.4f} m"
+        )
 
 
 if __name__ == "__main__":

@@ -57,7 +57,9 @@ def table(site: Site, rows) -> Readings:
         t_s=np.array([z.t for z in rows], float),
         sensor=np.array([z.sensor for z in rows], np.int32),
         value=np.array([z.value for z in rows], float),
-        target=np.array([-1 if z.target is None else names.index(z.target) for z in rows], np.int32),
+        target=np.array(
+            [-1 if z.target is None else names.index(z.target) for z in rows], np.int32
+        ),
         kind=np.zeros(len(rows), np.int32),
         sigma=np.where(sigma > 0.0, sigma, np.nan),
         arrival_s=np.full(len(rows), np.nan),

@@ -16,6 +16,7 @@ from trackfield._core._kernels import RangeBank
 from trackfield.filtering import range_tracker
 from trackfield.pipeline import Tracker
 
+
 class Told(NamedTuple):
     """A tracker, and what the kernel in it was told."""
 
@@ -144,11 +145,8 @@ class Twin:
         cross, joint = [], []
         for j, mode in enumerate(s["modes"]):
             x, P, F = x0[j], P0[j], np.eye(self.n)
-            outage = dt > s["turn_max_step"]
-            turning = bool(mode["turns"]) and "turn" in self.at and not outage
-            steps = max(1, math.ceil(dt / s["turn_step"] - 1e-9)) if turning else 1
-            for _ in range(steps):
-                x, A, Q = self.moved(x, mode, dt / steps, turning=turning, outage=outage)
+            for some, turning, outage in self.legs(mode, dt):
+                x, A, Q = self.moved(x, mode, some, turning=turning, outage=outage)
                 P, F = A @ P @ A.T + Q, A @ F
             x, F = self.toward_prior(x, keep), keep[:, None] * F
             P = keep[:, None] * P * keep + np.diag(fresh_noise)
@@ -160,6 +158,16 @@ class Twin:
         moved = np.einsum("j,ja,jb->ab", self.p, x0 - before, self.x - after)
         self.passed.append(Passed(np.einsum("j,jab->ab", self.p, cross) + moved, after, spread))
         self.t = t
+
+    def legs(self, mode, dt):
+        """Short steps, turning or not, then what is left as a silence."""
+        s = self.s
+        known = min(dt, s["turn_max_step"])
+        turning = bool(mode["turns"])
+        steps = max(1, math.ceil(known / s["turn_step"] - 1e-9)) if turning else 1
+        yield from [(known / steps, turning, False)] * steps
+        if dt > known:
+            yield dt - known, False, True
 
     def mixed(self, dt):
         M = len(self.p)

@@ -125,7 +125,9 @@ def test_iterations_end_where_the_iekf_does(seed):
     posterior = iterated.update.posterior
     off = (shown(rows, 2)[0][0] - posterior.mean)[:2]
     assert off @ np.linalg.solve(posterior.covariance[:2, :2], off) < 0.05**2
-    np.testing.assert_allclose(rows.covariance[0], corner(posterior.covariance), rtol=0.05, atol=2e-4)
+    np.testing.assert_allclose(
+        rows.covariance[0], corner(posterior.covariance), rtol=0.05, atol=2e-4
+    )
     once = extended.update(prior, dense(site, scan), sensor).posterior
     far = (once.mean - posterior.mean)[:2]
     assert far @ np.linalg.solve(posterior.covariance[:2, :2], far) > 4 * 0.05**2
@@ -197,9 +199,7 @@ def test_a_mixture_keeps_the_moments_of_the_exact_posterior(error):
     far[7] = [1000.0, 0.0, np.nan]
     site = replace(site, positions=far)
     at, spread = np.zeros(2), 0.3
-    first = [
-        Heard(100.0, i, float(np.linalg.norm(at - far[i, :2]))) for i in range(8)
-    ]
+    first = [Heard(100.0, i, float(np.linalg.norm(at - far[i, :2]))) for i in range(8)]
     tracker, _, _ = started(site, first)
     mean, P = np.zeros(4), np.diag([spread**2, spread**2, 1.0, 1.0])
     tracker._bank.restore(rewritten(tracker._bank.snapshot(), 0, mean, P))

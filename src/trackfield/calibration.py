@@ -97,7 +97,8 @@ def calibrate(
     Several targets are calibrated one by one, because an error belongs to the pair of anchor and
     tag; the site's own models are then their mean. `method` "weighted" and "least squares" take
     noise means and variances from Wang 3.1 over binned distances (non-negative weighted, or the
-    paper's plain least squares) for all sensors alike. Raises `InputError` if fewer than 30 readings have truth beside them.
+    paper's plain least squares) for all sensors alike. Raises `InputError` if fewer than 30
+    readings of every target have truth beside them.
     """
     learned: dict[str, _Learned] = {}
     used = 0
@@ -118,7 +119,8 @@ def calibrate(
     if not learned:
         raise InputError(
             f"found no target with {_LEAST} readings beside its truth (targets of the readings: "
-            f"{', '.join(readings.target_ids) or 'none'}; of the truth: {', '.join(truth.target_ids)})"
+            f"{', '.join(readings.target_ids) or 'none'}; "
+            f"of the truth: {', '.join(truth.target_ids)})"
         )
     columns = [one.models for one in learned.values()]
     calibrated = replace(
@@ -155,7 +157,9 @@ def _learn(
     r, u = r[kept], u[kept]
     fit = fit_bias_and_scale(r, z - r, sensor, len(site.sensor_ids))
     place = _at(track, t)
-    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1))))
+    travelled = np.concatenate(
+        ([0.0], np.cumsum(np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1)))
+    )
     share, length = correlation(fit.residual, sensor, travelled)
     # The run's own numbers stand in for a prior's: neither none nor all of the noise is white.
     ratio = float(np.clip(np.sqrt(share / max(1.0 - share, 1e-9)), 0.5, 1.5))
@@ -180,7 +184,11 @@ def _learn(
     )
     if method != "robust":
         models = _paper_models(site, r, z, method)
-    residual = z - np.array([(1 + m.scale) for m in models])[sensor] * r - np.array([m.bias_m for m in models])[sensor]
+    residual = (
+        z
+        - np.array([(1 + m.scale) for m in models])[sensor] * r
+        - np.array([m.bias_m for m in models])[sensor]
+    )
     return _Learned(
         models,
         _rows(site, models, fit, sensor, name),
@@ -263,7 +271,7 @@ def _places(site: Site, readings: Readings) -> Indices:
 
 
 def _truth_of(truth: Truth, name: str, *, alone: bool) -> tuple[Vector, Matrix] | None:
-    """Times and places of one target; the only one of a truth serves an only target of any name."""
+    """Find one target's times and places; an only truth serves an only target of any name."""
     if name in truth.target_ids:
         rows = np.flatnonzero(truth.target == truth.target_ids.index(name))
     elif alone and len(truth.target_ids) == 1:
@@ -282,7 +290,7 @@ def _at(track: tuple[Vector, Matrix], t: Vector) -> Matrix:
 def _geometry(
     site: Site, samples: _Samples, track: tuple[Vector, Matrix], offset_s: float
 ) -> tuple[NDArray[np.bool_], Vector, Matrix]:
-    """Which readings have truth beside them (no gap over 1 s), distances, directions to the target."""
+    """Which readings have truth beside them (no gap over 1 s), distances, directions."""
     times = track[0]
     t = samples.t_s + offset_s
     after = np.clip(np.searchsorted(times, t), 1, max(times.size - 1, 1))

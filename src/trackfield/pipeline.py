@@ -19,7 +19,14 @@ from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site
-from trackfield.types import Indices, Readings, Tracks, Vector, concatenate_tracks, select_rows
+from trackfield.types import (
+    Indices,
+    Readings,
+    Tracks,
+    Vector,
+    concatenate_tracks,
+    select_rows,
+)
 
 _MAGIC = b"TRACKFLD"
 _VERSION = 1
@@ -31,6 +38,28 @@ class Run(NamedTuple):
 
     tracks: Tracks
     counts: dict[str, int]
+
+
+class Fix(NamedTuple):
+    """One shown row of one target, as numbers: SI units, covariance of the horizontal position.
+
+    `track` counts the target's tracks from 1; a height that is unknown is NaN; `status` is a value
+    of `Status`.
+    """
+
+    t_s: float
+    x_m: float
+    y_m: float
+    z_m: float
+    vx_m_s: float
+    vy_m_s: float
+    vz_m_s: float
+    cov_xx: float
+    cov_xy: float
+    cov_yy: float
+    nis: float
+    track: int
+    status: int
 
 
 class Tracker:
@@ -60,19 +89,21 @@ class Tracker:
         columns = [site.models, *site.target_models.values()]
         self._offsets = np.array([[m.clock_offset_s for m in models] for models in columns])
         self._targets: dict[str, int] = {}
+        self._streams: dict[str, tuple[int, float]] = {}  # what `step` needs of each target
         self._tracks = 0  # numbers given so far
-        self._numbers = np.zeros((1, 1), np.int32)  # of a target's first, second, ... track; 0: none
-        self._heard = np.zeros(len(site.sensor_ids), bool)
+        self._numbers = np.zeros(
+            (1, 1), np.int32
+        )  # of a target's first, second, ... track; 0: none
 
     @property
     def counts(self) -> dict[str, int]:
-        """How readings fared: accepted, duplicate, late, out_of_range; tracks started, restarted, ended."""
+        """How readings fared (accepted, duplicate, late, ...); tracks started, restarted, ended."""
         return self._bank.counts()
 
     @property
     def heard(self) -> tuple[str, ...]:
         """Sensors that have spoken."""
-        return tuple(self._site.sensor_ids[i] for i in np.flatnonzero(self._heard))
+        return tuple(self._site.sensor_ids[i] for i in self._bank.heard())
 
     def process(self, readings: Readings, *, watermark_s: float | None = None) -> Tracks:
         """Take readings, in order of arrival; return the rows that are settled now.
@@ -85,6 +116,22 @@ class Tracker:
             self._bank.advance(watermark_s)
         return self._take()
 
+    def step(
+        self, t_s: float, sensor: Indices, *, value: Vector, target_id: str = _ANONYMOUS
+    ) -> Fix | None:
+        """Take one complete scan of one target: `process` for loops in which microseconds count.
+
+        `sensor` (n,) holds numbers of the site's sensors, int32, `value` (n,) ranges [m], float64;
+        no further reading of time `t_s` may follow. None until a track is shown, and for a scan
+        that is late. Rows of other targets that are pending are given up; with a lag use `process`.
+        """
+        stream = self._streams.get(target_id) or self._stream(target_id)
+        try:
+            row = self._bank.step(stream[0], t_s + stream[1], sensor, value)
+        except ValueError as error:
+            raise InputError(f"scan of {target_id!r} at {t_s} s: found {error}") from None
+        return None if row is None else Fix._make(row)
+
     def finish(self) -> Tracks:
         """Close all scans and return the remaining rows, those that wait for their lag too."""
         self._bank.finish()
@@ -96,37 +143,38 @@ class Tracker:
             {
                 "targets": list(self._targets),
                 "tracks": [*self._numbers.shape, *self._numbers.ravel().tolist()],
-                "heard": np.flatnonzero(self._heard).tolist(),
             }
         ).encode()
-        body = head + self._bank.snapshot()
-        start = struct.pack("<HI", _VERSION, len(head))
-        return b"".join((_MAGIC, start, self._digest(), hashlib.sha256(body).digest(), body))
+        body = struct.pack("<I", len(head)) + head + self._bank.snapshot()
+        own = hashlib.sha256(body).digest()
+        return b"".join((_MAGIC, struct.pack("<H", _VERSION), self._digest(), own, body))
 
     def restore(self, data: bytes) -> None:
         """Take up the run where `snapshot` left it: all that follows is the same bit by bit."""
-        start = len(_MAGIC) + 6
-        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 64:
+        start = len(_MAGIC) + 2
+        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 68:
             raise StateError("found bytes that are not a tracker's snapshot")
-        version, size = struct.unpack_from("<HI", data, len(_MAGIC))
+        (version,) = struct.unpack_from("<H", data, len(_MAGIC))
         if version != _VERSION:
             raise StateError(f"found a snapshot of version {version}, expected {_VERSION}")
         if data[start : start + 32] != self._digest():
-            raise StateError("found a snapshot of another site or of other options than this tracker's")
+            raise StateError(
+                "found a snapshot of another site or of other options than this tracker's"
+            )
         body = data[start + 64 :]
-        if data[start + 32 : start + 64] != hashlib.sha256(body).digest() or size > len(body):
+        if data[start + 32 : start + 64] != hashlib.sha256(body).digest():
             raise StateError("found a damaged snapshot: its bytes do not match their own digest")
-        head = json.loads(body[:size])
+        (size,) = struct.unpack_from("<I", body)
+        head = json.loads(body[4 : 4 + size])
         try:
-            self._bank.restore(body[size:])
+            self._bank.restore(body[4 + size :])
         except RuntimeError as error:
             raise StateError(f"found a damaged snapshot: {error}") from error
         self._targets = {name: i for i, name in enumerate(head["targets"])}
+        self._streams.clear()
         rows, columns, *numbers = head["tracks"]
         self._numbers = np.array(numbers, np.int32).reshape(rows, columns)
         self._tracks = int(self._numbers.max())
-        self._heard[:] = False
-        self._heard[head["heard"]] = True
 
     def _digest(self) -> bytes:
         """Fingerprint of all that the kernel was made from."""
@@ -150,14 +198,20 @@ class Tracker:
         t = readings.t_s
         if np.any(self._offsets):
             t = t + self._offsets[self._variant_numbers()[target], sensor]
-        self._heard[sensor] = True
-        columns = (target, t, sensor, readings.value, readings.sigma)
+        value, sigma = readings.value, readings.sigma
         told = ~np.isnan(readings.arrival_s)
         if np.any(told):
             arrival = np.where(told, readings.arrival_s, readings.t_s)
             order = np.argsort(arrival, kind="stable")
-            columns = tuple(column[order] for column in columns)
-        self._bank.add(*(np.ascontiguousarray(column) for column in columns))
+            target, t, sensor = target[order], t[order], sensor[order]
+            value, sigma = value[order], sigma[order]
+        self._bank.add(
+            np.ascontiguousarray(target),
+            np.ascontiguousarray(t),
+            np.ascontiguousarray(sensor),
+            np.ascontiguousarray(value),
+            np.ascontiguousarray(sigma),
+        )
 
     def _sensor_numbers(self, readings: Readings) -> Indices:
         numbers = np.empty(len(readings.sensor_ids), np.int32)
@@ -166,18 +220,20 @@ class Tracker:
         sensor = numbers[readings.sensor]
         if np.any(sensor < 0):
             row = int(np.argmax(sensor < 0))
-            name = readings.sensor_ids[readings.sensor[row]]
-            raise InputError(f"reading {row + 1}: found sensor {name!r}, which the site does not have")
+            name = readings.sensor_ids[int(readings.sensor[row])]
+            raise InputError(
+                f"reading {row + 1}: found sensor {name!r}, which the site does not have"
+            )
         kinds = np.array([kind == "range" for kind in readings.kinds], bool)
         if not np.all(kinds[readings.kind]):
             row = int(np.argmin(kinds[readings.kind]))
-            kind = readings.kinds[readings.kind[row]]
+            kind = readings.kinds[int(readings.kind[row])]
             raise InputError(f"reading {row + 1}: found kind {kind!r}, expected 'range'")
         return sensor
 
     def _target_numbers(self, readings: Readings) -> Indices:
         names = (*readings.target_ids, _ANONYMOUS)
-        # Numbers are given in order of first appearance, so that cutting a run does not change them.
+        # Numbers go by first appearance, so that cutting a run does not change them.
         rows = len(readings)
         first = np.full(len(names), rows)
         first[readings.target[::-1]] = np.arange(rows - 1, -1, -1)  # the last to be written stays
@@ -185,13 +241,26 @@ class Tracker:
         for i in np.argsort(first, kind="stable"):
             if first[i] == rows:
                 break
-            name = names[i]
-            if name not in self._targets:
-                self._targets[name] = len(self._targets)
-                if name in self._variants:
-                    self._bank.assign(self._targets[name], self._variants[name])
-            numbers[i] = self._targets[name]
+            numbers[i] = self._target_number(names[int(i)])
         return numbers[readings.target]
+
+    def _stream(self, target_id: str) -> tuple[int, float]:
+        """Find a target's number, and the clock offset that all its sensors share [s]."""
+        offsets = self._offsets[self._variants.get(target_id, 0)]
+        if np.ptp(offsets) != 0:
+            raise InputError("found sensors of several clocks, for which only `process` is made")
+        stream = (self._target_number(target_id), float(offsets[0]))
+        self._streams[target_id] = stream
+        return stream
+
+    def _target_number(self, name: str) -> int:
+        """Find a target's number; a new one's models are told to the kernel."""
+        number = self._targets.get(name)
+        if number is None:
+            number = self._targets[name] = len(self._targets)
+            if name in self._variants:
+                self._bank.assign(number, self._variants[name])
+        return number
 
     def _variant_numbers(self) -> NDArray[np.intp]:
         return np.array([self._variants.get(name, 0) for name in self._targets], np.intp)
@@ -215,13 +284,14 @@ class Tracker:
         )
 
     def _track_numbers(self, target: Indices, count: Indices) -> Indices:
-        """Number tracks in order of appearance, whatever target they belong to."""
+        """Give tracks numbers in order of appearance, whatever target they belong to."""
         if not target.size:
             return target
         shape = (int(target.max()) + 1, int(count.max()) + 1)
         known = self._numbers
         if shape[0] > known.shape[0] or shape[1] > known.shape[1]:
-            grown = np.zeros(np.maximum(np.array(known.shape) * 2, shape), np.int32)
+            room = (max(2 * known.shape[0], shape[0]), max(2 * known.shape[1], shape[1]))
+            grown: NDArray[np.int32] = np.zeros(room, np.int32)
             grown[: known.shape[0], : known.shape[1]] = known
             self._numbers = known = grown
         numbers = known[target, count]

@@ -21,7 +21,7 @@ struct Reader {
     const char *at, *end;
     void raw(void *p, size_t n) {
         if (size_t(end - at) < n) throw std::runtime_error("the snapshot ends too early");
-        std::memcpy(p, at, n);
+        if (n) std::memcpy(p, at, n);
         at += n;
     }
     static constexpr bool reading = true;

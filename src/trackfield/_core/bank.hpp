@@ -77,8 +77,9 @@ class Bank {
     std::vector<TargetRecord> targets;
     std::vector<Row> rows;
     Counts counts;
+    std::vector<uint8_t> heard;  // sensors that have spoken
 
-    Bank(const Settings &s, const std::vector<SensorModel> &sensors) : s(s) {
+    Bank(const Settings &s, const std::vector<SensorModel> &sensors) : heard(sensors.size(), 0), s(s) {
         filters.push_back(std::make_unique<RangeFilter>(s, sensors));
         smoothing_ = s.lag_time > 0 || s.lag_steps > 0;
     }
@@ -96,6 +97,7 @@ class Bank {
     void add(int32_t target, const Reading &z) {
         TargetRecord &r = record(target);
         const SensorModel &a = filter(r).sensors_[z.sensor];
+        heard[z.sensor] = 1;
         if (z.value > a.longest) { ++counts.out_of_range; return; }
         const double newest = r.open.empty() ? r.latest : r.open.front().t;
         if (z.t > newest) {
@@ -159,7 +161,7 @@ class Bank {
 
     std::string snapshot() {
         Writer ar;
-        visit_all(ar, targets, rows, counts);
+        visit_all(ar, targets, rows, counts, heard);
         return ar.bytes;
     }
 
@@ -168,11 +170,14 @@ class Bank {
         std::vector<TargetRecord> t;
         std::vector<Row> r;
         Counts c;
-        visit_all(ar, t, r, c);
+        std::vector<uint8_t> h;
+        visit_all(ar, t, r, c, h);
+        if (h.size() != heard.size()) throw std::runtime_error("the snapshot is of other sensors");
         if (ar.at != ar.end) throw std::runtime_error("the snapshot is longer than its contents");
         targets = std::move(t);
         rows = std::move(r);
         counts = c;
+        heard = std::move(h);
     }
 
   private:

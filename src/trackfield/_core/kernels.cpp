@@ -127,6 +127,13 @@ NB_MODULE(_kernels, m) {
              [](Bank &self, int32_t target, double t, InInt sensor, In value) -> nb::object {
                  const size_t n = sensor.shape(0);
                  if (value.shape(0) != n) throw nb::value_error("columns of one length expected");
+                 const int32_t sensors = int32_t(self.heard.size());
+                 for (size_t i = 0; i < n; ++i) {
+                     const int32_t a = sensor.data()[i];
+                     if (a < 0 || a >= sensors) throw nb::value_error("a sensor number that the site does not have");
+                     if (!std::isfinite(value.data()[i])) throw nb::value_error("a value that is not finite");
+                 }
+                 if (!std::isfinite(t)) throw nb::value_error("a time that is not finite");
                  for (size_t i = 0; i < n; ++i)
                      self.add(target, Reading{t, value.data()[i], NAN, sensor.data()[i]});
                  self.settle(target);
@@ -134,10 +141,17 @@ NB_MODULE(_kernels, m) {
                  const Row r = self.rows.back();
                  self.rows.clear();
                  return nb::make_tuple(r.t, r.position[0], r.position[1], r.position[2], r.velocity[0], r.velocity[1],
-                                       r.velocity[2], r.cov[0], r.cov[1], r.cov[2], r.nis, r.track, r.status);
+                                       r.velocity[2], r.cov[0], r.cov[1], r.cov[2], r.nis, r.track + 1, r.status);
              })
         .def("advance", &Bank::advance, nb::call_guard<nb::gil_scoped_release>())
         .def("finish", &Bank::finish, nb::call_guard<nb::gil_scoped_release>())
+        .def("heard",
+             [](const Bank &self) {
+                 nb::list o;
+                 for (size_t i = 0; i < self.heard.size(); ++i)
+                     if (self.heard[i]) o.append(i);
+                 return o;
+             })
         .def("rows", [](const Bank &self) { return self.rows.size(); })
         .def("take", &take)
         .def("snapshot",

@@ -46,7 +46,7 @@ struct Settings {
     int modes = 0;
     Mode mode[kMaxModes];
     double velocity_time = 0;         // velocity forgets itself [s]
-    double outage_velocity_time = 0;  // the same over steps longer than turn_max_step [s]
+    double outage_velocity_time = 0;  // the same in what a step lasts beyond turn_max_step [s]
     double velocity_sigma = 0;        // of a start, per axis [m/s]
     double turn_sigma = 0, turn_time = 0, turn_max_step = 0, turn_step = 0;
     bool robust = true;
@@ -423,13 +423,15 @@ class RangeFilter {
     // Mean and covariance of one mode over dt: in short steps where the mode turns, since a turn
     // bends the path within a step. `cross` ends as cov(x before, x after).
     void propagate(Belief &b, int j, double dt, double travelled, const std::vector<int> &fresh, bool smoothing) {
-        const bool outage = dt > s.turn_max_step;
-        const bool turning = s.mode[j].turns && L.turn >= 0 && !outage;
+        // A long silence begins like a short one, so that doubt never shrinks while it lasts.
+        const double known = std::min(dt, s.turn_max_step);
+        const bool turning = s.mode[j].turns && L.turn >= 0;
         b.mean[j] = scratch.mix_mean[j];
         std::vector<double> &P = scratch.mix_cov[j];
         if (smoothing) scratch.X = P;
-        const int steps = turning ? std::max(1, int(std::ceil(dt / s.turn_step - 1e-9))) : 1;
-        for (int k = 0; k < steps; ++k) move(b.mean[j], P, s.mode[j], dt / steps, turning, outage, smoothing);
+        const int steps = turning ? std::max(1, int(std::ceil(known / s.turn_step - 1e-9))) : 1;
+        for (int k = 0; k < steps; ++k) move(b.mean[j], P, s.mode[j], known / steps, turning, false, smoothing);
+        if (dt > known) move(b.mean[j], P, s.mode[j], dt - known, false, true, smoothing);
         refresh(b, b.mean[j], P, dt, travelled, fresh, smoothing);
         if (smoothing) accumulate_cross(b, j, scratch.mix_mean[j], b.mean[j], scratch.X);
         b.cov[j].swap(P);

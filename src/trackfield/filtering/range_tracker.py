@@ -48,7 +48,8 @@ class Robustness(NamedTuple):
     """Shares and widths of late (NLOS) and outlying readings, in sigmas of the white noise.
 
     The shares are priors worth `shares_weight` readings, learned with a memory of
-    `memory_shares` readings. FINDINGS: positive NLOS N(5 sigma, (5 sigma)^2), outliers (30 sigma)^2.
+    `memory_shares` readings. Late readings are N(5 sigma, S + (5 sigma)^2), outlying ones
+    N(0, S + (30 sigma)^2).
     """
 
     p_nlos: float = 0.10
@@ -66,7 +67,8 @@ def modes(target: Target) -> tuple[Mode, ...]:
     """
     density = None if target.accel_sigma_m_s2 is None else target.accel_sigma_m_s2**2
     if target.motion == "cv":
-        return (Mode(MANOEUVRING.accel_density if density is None else density, False, 0.0),)
+        alone = MANOEUVRING.accel_density if density is None else density
+        return (Mode(alone, turns=False, switch_rate=0.0),)
     if density is None:
         return (STRAIGHT, TURNING, MANOEUVRING)
     quiet = min(1.0, density / MANOEUVRING.accel_density)
@@ -116,7 +118,7 @@ def create(site: Site, output: Output, robustness: Robustness | None = Robustnes
         "velocity_sigma": min(1.5, site.target.max_speed_m_s),
         "turn_sigma": 0.25,
         "turn_time": 2.5,
-        "turn_max_step": 3.0,
+        "turn_max_step": 1.0,
         "turn_step": 0.5,
         "robust": robustness is not None,
         **robust._asdict(),

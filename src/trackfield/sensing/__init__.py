@@ -1,1 +1,1 @@
-"""What one sensor says: expected reading, Jacobian, noise, simulation, calibration. One file a kind."""
+"""What one sensor says: expected reading, slope, noise, simulation, calibration; by kind."""

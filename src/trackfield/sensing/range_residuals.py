@@ -31,7 +31,7 @@ class Fit(NamedTuple):
 
 
 def robust_sigma(residual: Vector) -> float:
-    """Standard deviation of the Gaussian core, 1.4826 times the median deviation."""
+    """Sigma of the Gaussian core: 1.4826 times the median deviation from the median."""
     if not residual.size:
         return 0.0
     return float(1.4826 * np.median(np.abs(residual - np.median(residual))))
@@ -47,7 +47,9 @@ def fit_bias_and_scale(r: Vector, excess: Vector, sensor: Indices, sensors: int)
     line, covariance, residual, weight = _cauchy_line(design, excess)
     sigma = max(robust_sigma(residual), 1e-6)
     count = np.bincount(sensor, weights=weight, minlength=sensors)
-    mean = np.bincount(sensor, weights=weight * residual, minlength=sensors) / np.maximum(count, 1e-9)
+    mean = np.bincount(sensor, weights=weight * residual, minlength=sensors) / np.maximum(
+        count, 1e-9
+    )
     sigmas = np.array([_pooled(residual[sensor == a] - mean[a], sigma) for a in range(sensors)])
     heard = count > 0
     noise = sigmas**2 / np.maximum(count, 1.0)
@@ -82,7 +84,9 @@ def clock_offset(
         design = np.stack([np.ones_like(r), r], axis=1)
         _, _, residual, _ = _cauchy_line(design, excess - r, rounds=6)
         sigma = max(robust_sigma(residual), 1e-6)
-        return float(residual.size * np.log(sigma) + np.log1p((residual / (2.0 * sigma)) ** 2).sum())
+        return float(
+            residual.size * np.log(sigma) + np.log1p((residual / (2.0 * sigma)) ** 2).sum()
+        )
 
     grid = np.arange(-1.0, 1.01, 0.1)
     best = float(grid[int(np.argmin([cost(s) for s in grid]))])
@@ -141,7 +145,7 @@ def correlation(residual: Vector, sensor: Indices, travelled_m: Vector) -> tuple
 def displacement_sigma(
     residual: Vector, directions: Matrix, t_s: Vector, *, white_sigma: float
 ) -> float:
-    """Standard deviation per axis [m] of residuals that look like a displacement of the target.
+    """Sigma per axis [m] of residuals that look like a displacement of the target.
 
     Residuals e = u'd + white of each second with four readings or more give d; what its variance
     has beyond the white noise's share is not noise but the antenna's place on the target, or the
@@ -174,15 +178,17 @@ def _pooled(residual: Vector, sigma: float) -> float:
 def _cauchy_line(
     design: Matrix, y: Vector, rounds: int = 25
 ) -> tuple[Vector, Matrix, Vector, Vector]:
-    """Weighted least squares with Cauchy weights at 2 sigma: line, covariance, residual, weights."""
+    """Weigh least squares by Cauchy at 2 sigma: line, covariance, residual, weights."""
     prior = np.diag([1.0 / _PRIOR_BIAS_M**2, 1.0 / _PRIOR_SCALE**2])
     weight = np.ones(y.size)
     sigma = max(robust_sigma(y), 1e-6)
-    line, information = np.zeros(2), prior
+    line: Vector = np.zeros(2)
+    information: Matrix = prior
     for _ in range(rounds):
         information = (design * (weight / sigma**2)[:, None]).T @ design + prior
-        line = np.linalg.solve(information, design.T @ (weight * y) / sigma**2)
+        line = np.asarray(np.linalg.solve(information, design.T @ (weight * y) / sigma**2), float)
         residual = y - design @ line
         sigma = max(robust_sigma(residual), 1e-6)
         weight = 1.0 / (1.0 + (residual / (2.0 * sigma)) ** 2)
-    return line, np.linalg.inv(information), y - design @ line, weight
+    covariance = np.asarray(np.linalg.inv(information), float)
+    return line, covariance, y - design @ line, weight
