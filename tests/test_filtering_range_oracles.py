@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from range_runs import Heard, box, run, scans, table
-from range_snapshot import opened, rewritten
-from range_twin import decaying_noise, told
 from scipy.linalg import expm
 from scipy.optimize import minimize
 from scipy.stats import norm
 
+from range_runs import Heard, box, run, scans, table
+from range_snapshot import opened, rewritten
+from range_twin import decaying_noise, told
 from trackfield.filtering import extended, interacting, kalman, smoothing
 from trackfield.filtering.extended import Ranges
 from trackfield.filtering.smoothing import Lag, Passed
@@ -235,7 +235,7 @@ def test_a_start_is_the_best_of_many_descents(seed, dimensions):
     z[2] += 1.5  # late
     first = [Heard(99.0 + 0.1 * k, int(i), float(z[i])) for k, i in enumerate(rng.permutation(8))]
     used = first[:6]  # six readings of four sensors suffice
-    tracker, rows, belief = started(site, used)
+    _, rows, belief = started(site, used)
     assert rows.t_s == [used[-1].t]
 
     def terms(p):

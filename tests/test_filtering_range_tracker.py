@@ -1,10 +1,19 @@
+from dataclasses import astuple, replace
+
 import numpy as np
 import pytest
+
 from range_runs import box, run, scans, table, uneven
 from range_snapshot import opened
 from range_twin import Twin, told
-
-from trackfield.filtering.range_tracker import height_prior, modes
+from trackfield.filtering.range_tracker import (
+    MANOEUVRING,
+    STRAIGHT,
+    TURNING,
+    Mode,
+    height_prior,
+    modes,
+)
 from trackfield.network.site import Target
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 
@@ -115,3 +124,80 @@ def test_the_kernel_is_its_twin(name, lag):
     alike(joined["velocity"][:, :D], [row.mean[D : 2 * D] for row in expected])
     alike(joined["covariance"], [twin.shown_covariance(row) for row in expected])
     alike(joined["nis"][1:], [row.nis for row in expected[1:]])
+
+
+# Settings ---------------------------------------------------------------------------------------
+
+
+def test_the_kernel_s_table_holds_the_models():
+    models = tuple(
+        RangeModel(*(100.0 * i + k for k in range(10)), bool(i % 2), 0.5 + i, 7.0) for i in range(8)
+    )
+    _, settings, table = told(box(*models, heights=(1.0, 2.0)))
+    for i, (row, model) in enumerate(zip(table, models, strict=True)):
+        assert row[:3] == tuple(box(*models, heights=(1.0, 2.0)).positions[i])
+        expected = np.array(astuple(model), float)[[0, 1, 2, 3, 4, 5, 6, 7, 10, 11]]
+        expected[[2, 3, 9]] **= 2
+        np.testing.assert_allclose(row[3:], expected)
+    assert settings["common_bias_sigma"] == 708.0
+    assert settings["scale_sigma"] == 709.0
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "expected"),
+    [
+        ({}, "slot_bias", True),
+        ({"bias_sigma_m": 0.0}, "slot_bias", False),
+        ({}, "slot_correlated", True),
+        ({"correlated_sigma_m": 0.0}, "slot_correlated", False),
+        ({}, "slots", 8),
+        ({"bias_sigma_m": 0.0, "correlated_sigma_m": 0.0}, "slots", 8),  # for learned noise
+        ({"bias_sigma_m": 0.0, "correlated_sigma_m": 0.0, "learn_noise": False}, "slots", 0),
+    ],
+)
+def test_only_what_is_open_is_estimated(change, key, expected):
+    assert told(box(replace(UNCALIBRATED, **change))).settings[key] == expected
+
+
+def test_a_calibrated_site_is_left_alone_when_asked():
+    settings = told(box(UNCALIBRATED, self_calibration=False)).settings
+    assert not settings["slot_bias"]
+    assert settings["common_bias_sigma"] == settings["scale_sigma"] == 0.0
+    assert settings["slot_correlated"]
+
+
+def test_a_target_s_own_models_open_what_they_need():
+    site = replace(box(RangeModel()), target_models={"x": (UNCALIBRATED,) * 8})
+    settings = told(site).settings
+    assert settings["slot_bias"]
+    assert settings["slot_correlated"]
+    assert settings["common_bias_sigma"] == UNCALIBRATED.common_bias_sigma_m
+
+
+def test_ways_to_move():
+    assert modes(Target()) == (STRAIGHT, TURNING, MANOEUVRING)
+    assert modes(Target(motion="cv")) == (Mode(MANOEUVRING.accel_density, False, 0.0),)
+    assert modes(Target(motion="cv", accel_sigma_m_s2=0.3)) == (Mode(0.09, False, 0.0),)
+    wild = modes(Target(accel_sigma_m_s2=3.0))
+    assert [m.accel_density for m in wild] == [STRAIGHT.accel_density, TURNING.accel_density, 9.0]
+    calm = modes(Target(accel_sigma_m_s2=0.1))
+    assert [m.turns for m in calm] == [False, True, True]
+    assert calm[2].accel_density == pytest.approx(0.01)
+    ratios = [c.accel_density / w.accel_density for c, w in zip(calm, modes(Target()), strict=True)]
+    np.testing.assert_allclose(ratios, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("heights", "asked", "expected"),
+    [
+        (None, {}, (0.0, 0.0)),  # sensors without heights
+        ((0.0,), {}, (0.0, 0.0)),
+        ((3.0, 2.5), {"height_m": 0.4}, (0.4, 0.0)),
+        ((3.0, 2.5), {"dimensions": 3}, (0.0, 0.0)),
+        ((3.0, 2.5), {}, (1.0, 0.5)),  # carried
+        ((0.2, 0.5), {}, (0.5, 0.5)),  # not above all sensors
+        ((9.0, 8.0), {}, (6.0, 0.5)),  # nor far below them
+    ],
+)
+def test_heights_of_targets(heights, asked, expected):
+    assert height_prior(box(heights=heights, **asked)) == expected

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from range_snapshot import opened
 from range_twin import told
-
 from trackfield.filtering import pcrb
 from trackfield.localization import bounds
 from trackfield.metrics.consistency import distances2
@@ -151,7 +151,9 @@ def test_noise_is_learned():
     model = RangeModel(sigma_m=0.1, learn_noise=True)
     site = circle(8, model)
     real = (replace(model, sigma_m=0.5), *(model,) * 7)
-    readings, truth = tagged.wander(rng, replace(site, models=real), tagged.World(targets=4, steps=400))
+    readings, truth = tagged.wander(
+        rng, replace(site, models=real), tagged.World(targets=4, steps=400)
+    )
     known = tuple(replace(m, learn_noise=False) for m in real)
     learned = score(truth, track(site, readings).tracks)
     exact = score(truth, track(replace(site, models=known), readings).tracks)

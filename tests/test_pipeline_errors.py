@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from range_runs import Heard, box, path, run, table
 
+from range_runs import Heard, box, path, run, table
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.pipeline import Tracker, track
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
@@ -73,7 +73,7 @@ def test_a_snapshot_of_another_version_is_refused():
     assert_refused(data, "version 99, expected 1")
 
 
-MOVED = SITE.positions + [0.0, 0.0, 1e-9]
+MOVED = SITE.positions + np.array([0.0, 0.0, 1e-9])
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_a_scan_of_sensors_with_several_clocks_is_refused():
 def test_a_site_without_geometry_is_refused():
     line = np.array(SITE.positions)
     line[:, 1] = 0.0
-    with pytest.raises(ConfigurationError, match="site box: found all 8 sensors .* on a line"):
+    with pytest.raises(ConfigurationError, match=r"site box: found all 8 sensors .* on a line"):
         Tracker(replace(SITE, positions=line))
 
 

@@ -1,15 +1,16 @@
 """What must hold for every run: cuts, restarts of the program, order, company, places, clocks."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from range_runs import Heard, box, run, scans, table
 from range_snapshot import opened
 from range_twin import told
-
 from trackfield.pipeline import Tracker, track
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.types import Tracks, concatenate_tracks
@@ -46,9 +47,7 @@ def arriving(rng, rows, *, lateness):
 def tracked(site, rows, *, cuts=(), **asked) -> Tracks:
     tracker = Tracker(site, **asked)
     edges = [0, *sorted(cuts), len(rows)]
-    parts = [
-        tracker.process(table(site, rows[a:b])) for a, b in zip(edges, edges[1:], strict=False)
-    ]
+    parts = [tracker.process(table(site, rows[a:b])) for a, b in pairwise(edges)]
     return concatenate_tracks([*parts, tracker.finish()])
 
 
@@ -102,9 +101,9 @@ def test_a_restored_run_goes_on_bit_by_bit(seed, name, asked, share, drain):
     first, second = Tracker(site, **asked), Tracker(site, **asked)
     first.process(table(site, rows[: cut // 2]))
     if drain:
-        first.process(table(site, rows[cut // 2 : cut]), watermark_s=max(z.t for z in rows[:1]))
+        first.process(table(site, rows[cut // 2 : cut]), watermark_s=rows[0].t)
     else:  # rows that nobody took yet are part of the state
-        first._add(table(site, rows[cut // 2 : cut])) if cut > cut // 2 else None
+        first._add(table(site, rows[cut // 2 : cut]))
     second.process(table(site, rows[:7]))  # what was there is forgotten
     second.restore(first.snapshot())
     rest = table(site, rows[cut:])

@@ -165,6 +165,7 @@ def _learn(
     ratio = float(np.clip(np.sqrt(share / max(1.0 - share, 1e-9)), 0.5, 1.5))
     white = 1.0 / np.sqrt(1.0 + ratio**2)
     placement = displacement_sigma(fit.residual, u[:, :2], t, white_sigma=fit.sigma)
+    heard = np.bincount(sensor, minlength=len(site.sensor_ids)) > 0
     base = RangeModel(
         correlation_length_m=length,
         placement_sigma_m=placement,
@@ -179,6 +180,8 @@ def _learn(
             sigma_m=float(fit.sigmas[a] * white),
             correlated_sigma_m=float(fit.sigmas[a] * white * ratio),
             max_range_m=site.models[a].max_range_m,
+            # A sensor that was not heard is only guessed at.
+            bias_sigma_m=0.0 if heard[a] else float(fit.bias_error[a]),
         )
         for a in range(len(site.sensor_ids))
     )

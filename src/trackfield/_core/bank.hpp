@@ -98,7 +98,7 @@ class Bank {
         TargetRecord &r = record(target);
         const SensorModel &a = filter(r).sensors_[z.sensor];
         heard[z.sensor] = 1;
-        if (z.value > a.longest) { ++counts.out_of_range; return; }
+        if (std::abs(z.value) > a.longest) { ++counts.out_of_range; return; }
         const double newest = r.open.empty() ? r.latest : r.open.front().t;
         if (z.t > newest) {
             close(r);

@@ -102,7 +102,7 @@ static std::vector<SensorModel> models_from(InMatrix table) {
     std::vector<SensorModel> models(table.shape(0));
     for (size_t i = 0; i < models.size(); ++i) {
         const double *r = table.data() + i * 13;
-        models[i] = {r[0], r[1], r[2], r[3], r[4], std::max(r[5], kLeastSigma * kLeastSigma), r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12], r[7] + 5 * std::sqrt(r[5])};
+        models[i] = {r[0], r[1], r[2], r[3], r[4], std::max(r[5], kLeastSigma * kLeastSigma), r[6], r[7], r[8], r[9], r[10], r[11] != 0, r[12], std::min(r[7] + 5 * std::sqrt(r[5]), kLongest)};
     }
     return models;
 }

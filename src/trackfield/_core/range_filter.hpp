@@ -17,6 +17,7 @@ namespace trackfield {
 constexpr double kTwoPi = 6.283185307179586;
 constexpr int kMaxModes = 4;
 constexpr double kLeastSigma = 1e-3;  // of a range [m]: less would drown in rounding
+constexpr double kLongest = 1e7;      // a number beyond this is no range at all [m]
 
 struct SensorModel {
     double x = 0, y = 0, z = 0;

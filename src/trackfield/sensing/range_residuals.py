@@ -13,6 +13,7 @@ from trackfield.types import Indices, Matrix, Vector
 _PRIOR_BIAS_M = 1.0  # a bias, a scale beyond these needs evidence
 _PRIOR_SCALE = 0.1
 _RUN_TO_RUN = 0.5  # sensors drift by half a sigma between runs
+_ROUNDS = 4
 
 
 class Fit(NamedTuple):
@@ -44,28 +45,38 @@ def fit_bias_and_scale(r: Vector, excess: Vector, sensor: Indices, sensors: int)
     by moments, because a sensor's bias moves by that much from run to run.
     """
     design = np.stack([np.ones_like(r), r], axis=1)
-    line, covariance, residual, weight = _cauchy_line(design, excess)
-    sigma = max(robust_sigma(residual), 1e-6)
+    fit = _round(design, excess, sensor, deviation=np.zeros(sensors))
+    for _ in range(_ROUNDS - 1):  # line and deviations explain the same residuals: take turns
+        fit = _round(design, excess, sensor, deviation=fit.bias - fit.bias.mean())
+    return fit
+
+
+def _round(design: Matrix, excess: Vector, sensor: Indices, *, deviation: Vector) -> Fit:
+    """Fit the line to what the sensors' deviations (n,) leave, then deviations to the rest."""
+    sensors = deviation.size
+    line, covariance, rest, weight = _cauchy_line(design, excess - deviation[sensor])
+    sigma = max(robust_sigma(rest), 1e-6)
+    residual = rest + deviation[sensor]
     count = np.bincount(sensor, weights=weight, minlength=sensors)
-    mean = np.bincount(sensor, weights=weight * residual, minlength=sensors) / np.maximum(
-        count, 1e-9
-    )
-    sigmas = np.array([_pooled(residual[sensor == a] - mean[a], sigma) for a in range(sensors)])
-    heard = count > 0
+    total = np.bincount(sensor, weights=weight * residual, minlength=sensors)
+    mean = total / np.maximum(count, 1e-9)
+    own = residual - mean[sensor]
+    sigmas = np.array([_pooled(own[sensor == a], sigma) for a in range(sensors)])
     noise = sigmas**2 / np.maximum(count, 1.0)
+    heard = count > 0
     tau2 = 0.0
     if heard.sum() > 1:
         tau2 = max(0.0, float(np.var(mean[heard], ddof=1) - noise[heard].mean()))
     shrink = tau2 / (tau2 + (_RUN_TO_RUN * sigmas) ** 2) if tau2 > 0.0 else np.zeros(sensors)
-    deviation = np.where(heard, shrink * mean, 0.0)
+    shrunk = np.where(heard, shrink * mean, 0.0)
     return Fit(
-        bias=line[0] + deviation,
+        bias=line[0] + shrunk,
         bias_error=np.sqrt(covariance[0, 0] + noise * shrink**2 + tau2 * (1.0 - shrink)),
         scale=float(line[1]),
         scale_error=float(np.sqrt(covariance[1, 1])),
         sigma=sigma,
         sigmas=sigmas,
-        residual=residual - deviation[sensor],
+        residual=residual - shrunk[sensor],
     )
 
 
@@ -75,7 +86,7 @@ def clock_offset(
     """Offset [s] to add to the readings' times so that they meet the truth, and its error.
 
     Least Cauchy cost of the line over offsets of +-1 s; the error is from the curvature, ten-fold
-    for errors that hang together. An offset within two errors of 0 is returned as 0.
+    for errors that hang together. An offset within three errors of 0 is returned as 0.
     """
     excess = value[kept]
 
@@ -99,7 +110,7 @@ def clock_offset(
     if curvature <= 0.0:
         return 0.0, float("inf")
     error = float(np.sqrt(10.0 / curvature))
-    return (best, error) if abs(best) > 2.0 * error else (0.0, error)
+    return (best, error) if abs(best) > 3.0 * error else (0.0, error)
 
 
 def correlation(residual: Vector, sensor: Indices, travelled_m: Vector) -> tuple[float, float]:
