@@ -176,8 +176,12 @@ def test_a_target_s_own_models_open_what_they_need():
 
 def test_ways_to_move():
     assert modes(Target()) == (STRAIGHT, TURNING, MANOEUVRING)
-    assert modes(Target(motion="cv")) == (Mode(MANOEUVRING.accel_density, False, 0.0),)
-    assert modes(Target(motion="cv", accel_sigma_m_s2=0.3)) == (Mode(0.09, False, 0.0),)
+    assert modes(Target(motion="cv")) == (
+        Mode(MANOEUVRING.accel_density, turns=False, switch_rate=0.0),
+    )
+    assert modes(Target(motion="cv", accel_sigma_m_s2=0.3)) == (
+        Mode(0.09, turns=False, switch_rate=0.0),
+    )
     wild = modes(Target(accel_sigma_m_s2=3.0))
     assert [m.accel_density for m in wild] == [STRAIGHT.accel_density, TURNING.accel_density, 9.0]
     calm = modes(Target(accel_sigma_m_s2=0.1))
