@@ -58,6 +58,23 @@ def test_a_data_frame_is_a_run_too(run):
     assert {"t_s", "x_m", "target_id"} <= set(tracks.to_pandas().columns)
 
 
+def test_chunks_may_be_columns_and_truth_may_be_a_frame(run):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_csv(run / "measurements.csv")
+    whole = trackfield.track(run / "site.toml", frame)
+    parts = trackfield.track(run / "site.toml", [frame.iloc[:150], frame.iloc[150:]])
+    np.testing.assert_array_equal(parts.position, whole.position)
+    truth = pandas.read_csv(run / "truth.csv")
+    by_path = trackfield.score(run / "truth.csv", whole)
+    assert trackfield.score(truth, whole) == by_path
+
+
+@pytest.mark.parametrize("wrong", [None, 3, np.ones((5, 4)), [1.0], [[0.0, "A"]]])
+def test_what_is_no_run_is_refused(run, wrong):
+    with pytest.raises(InputError, match=r"readings: found .*, expected a mapping of columns"):
+        trackfield.track(run / "site.toml", wrong)
+
+
 def test_calibrate_track_and_score_go_together(run, tmp_path):
     files = (run / "site.toml", run / "measurements.csv", run / "truth.csv")
     site = trackfield.calibrate(*files).site

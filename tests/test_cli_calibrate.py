@@ -115,3 +115,40 @@ def test_a_place_that_cannot_be_written_is_refused(call, run, tmp_path):
     done = call("calibrate", *inputs(run), "-o", tmp_path / "absent" / "c.toml")
     assert done.code == 2
     assert "c.toml: cannot be written" in done.err
+
+
+def test_ranges_in_millimetres_are_warned_of(call, run, tmp_path):
+    data = run / "measurements.csv"
+    head, *rows = data.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    large = [[t, name, kind, f"{1000 * float(value)}", tag] for t, name, kind, value, tag in cells]
+    data.write_text("\n".join([head, *map(",".join, large)]) + "\n")
+    done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml", "--json")
+    assert "are both in metres?" in done.err
+    if done.code == 0:
+        assert done.json["warnings"] == [done.err.removeprefix("warning: ").rstrip("\n")]
+
+
+@pytest.mark.parametrize("name", ["measurements.csv", "truth.csv", "sensors.csv"])
+def test_no_input_is_overwritten(call, run, name):
+    before = (run / name).read_text()
+    done = call("calibrate", *inputs(run), "-o", run / name)
+    assert done.code == 2
+    assert done.err == f"error: {run / name}: found an input, expected another file to write to\n"
+    assert (run / name).read_text() == before
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_work(call, run, tmp_path):
+    for options in (["-o", tmp_path / "no" / "c.toml"], ["-o", tmp_path]):
+        done = call("calibrate", *inputs(run), *options)
+        assert done.code == 2
+        assert "cannot be written: found" in done.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
+
+
+def test_runs_that_do_not_belong_together_are_named(call, run, tmp_path):
+    truth = run / "truth.csv"
+    truth.write_text(truth.read_text().replace("tag", "cart"))
+    done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml")
+    assert done.code == 2
+    assert done.err.startswith(f"error: {run / 'measurements.csv'}, {truth}: found no target")

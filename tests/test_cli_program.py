@@ -99,6 +99,15 @@ def test_the_real_program_prints_json_and_nothing_else(tmp_path):
     assert json.loads(done.stdout)["tracks"] == str(output)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes outputs")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&-"])
+def test_nobody_needs_to_listen(tmp_path, closed):
+    run = cli_runs.write_run(tmp_path / "run")
+    command = f'"{sys.executable}" -m trackfield.cli check "{run}/site.toml" {closed}'
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.speed
 def test_the_first_track_comes_soon(tmp_path):
     run = cli_runs.write_run(tmp_path / "run")

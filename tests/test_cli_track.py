@@ -112,6 +112,26 @@ def test_repeated_and_late_readings_are_dropped_and_counted(call, run, tmp_path)
     assert done.json["warnings"] == [line[len("warning: ") :] for line in done.err.splitlines()]
 
 
+def test_readings_beyond_the_greatest_range_are_told(call, run, tmp_path):
+    site = run / "site.toml"
+    site.write_text(site.read_text() + "max_range_m = 12.0\n")
+    data = run / "measurements.csv"
+    done = call("track", site, data, "-o", tmp_path / "t.csv", "--json")
+    count = done.json["readings"]["out_of_range"]
+    assert count > 0
+    assert (
+        done.err == f"warning: {data}: {count} readings were beyond max_range_m and were dropped\n"
+    )
+
+
+def test_a_run_that_starts_no_track_names_its_file(call, run, tmp_path):
+    data = run / "measurements.csv"
+    data.write_text("".join(data.read_text().splitlines(keepends=True)[:5]))
+    done = call("track", run / "site.toml", data, "-o", tmp_path / "t.csv")
+    assert done.code == 2
+    assert done.err.startswith(f"error: {data}: found 4 usable readings")
+
+
 def test_ranges_in_millimetres_are_warned_of(call, run, tmp_path):
     data = run / "measurements.csv"
     rows = list(csv.reader(data.read_text().splitlines()))
@@ -210,13 +230,19 @@ def test_bad_input_is_one_message_and_leaves_no_file(call, run, tmp_path, fault)
     ("options", "message"),
     [
         (["-o", "DIR/absent/t.csv"], "cannot be written: found no folder"),
-        (["-o", "DIR"], "found no suffix"),
+        (["-o", "DIR"], "cannot be written: found a folder, expected a file"),
+        (["-o", "DIR/tracks"], "found no suffix"),
         (["-o", "DIR/t.xls"], "found suffix '.xls', expected one of .csv"),
         (["-o", "DIR/t.csv", "--lag", "soon"], "--lag: found 'soon', expected seconds (2 or 2s)"),
         (["-o", "DIR/t.csv", "--lag", "-1"], "--lag: found '-1', expected"),
         (["-o", "DIR/t.csv", "--method", "magic"], "--method: found 'magic', expected 'imm' or"),
         (["-o", "DIR/t.csv", "--plot", "DIR/t.xyz"], "found suffix '.xyz', expected one of"),
-        (["-o", "DIR/t.csv", "--truth", "DIR/none.csv"], "none.csv: cannot be read"),
+        (
+            ["-o", "DIR/t.csv", "--plot", "DIR/t.png", "--truth", "DIR/none.csv"],
+            "none.csv: cannot be read",
+        ),
+        (["-o", "DIR/t.csv", "--truth", "DIR/run/truth.csv"], "--truth: found no --plot"),
+        (["-o", "DIR/t.csv", "--plot", "DIR/absent/t.png"], "t.png: cannot be written: found no"),
         (["-o", "DIR/t.geojson"], "origin"),
         (["-o", "DIR/run/measurements.csv"], "measurements.csv: found an input, expected another"),
         (["-o", "DIR/t.csv", "--every", "-1"], "Invalid value for '--every'"),

@@ -20,7 +20,6 @@ from trackfield.io.truth import read_truth
 HEADER = "t_s,sensor_id,kind,value,sigma,target_id"
 GOOD = "0,A0,range,1,,tag"
 EXPECTED = "expected t_s,sensor_id,kind,value[,sigma][,target_id][,arrival_s]"
-COLUMNS = "t_s, sensor_id, kind, value, sigma, target_id, arrival_s"
 ROWS = EXPECTED.replace("expected", "expected at least one of")
 
 ROW_FAULTS = {
@@ -78,8 +77,8 @@ FILE_FAULTS = {
     ),
     b"t_s,sensor_id,kind\n0,A0,range\n": f", line 1: found no column 'value', {EXPECTED}",
     b"t_s,sensor_id,kind,valeu\n0,A0,range,1\n": (
-        ", line 1: found an unknown column 'valeu' (nearest valid one: value; "
-        f"valid ones: {COLUMNS}), found no column 'value', {EXPECTED}"
+        ", line 1: found an unknown column 'valeu' (nearest valid one: value), "
+        f"found no column 'value', {EXPECTED}"
     ),
     b"t_s,sensor_id,kind,value,value\n": f", line 1: found column 'value' twice, {EXPECTED}",
 }
@@ -139,8 +138,7 @@ GOOD_JSON = {"t_s": 0, "sensor_id": "A0", "kind": "range", "value": 1}
         ({"sensor_id": True}, "sensor_id: found 'True', expected a name"),
         (
             {"sigm": 1},
-            f"found an unknown column 'sigm' (nearest valid one: sigma; valid ones: {COLUMNS}), "
-            f"{EXPECTED}",
+            f"found an unknown column 'sigm' (nearest valid one: sigma), {EXPECTED}",
         ),
     ],
 )
@@ -182,8 +180,7 @@ def test_a_faulty_line_of_json(tmp_path, line, said):
         ),
         (
             {"valu": [1, 2]},
-            f": found an unknown column 'valu' (nearest valid one: value; valid ones: {COLUMNS}), "
-            f"{EXPECTED}",
+            f": found an unknown column 'valu' (nearest valid one: value), {EXPECTED}",
         ),
     ],
 )

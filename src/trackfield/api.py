@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from trackfield import calibration, pipeline
 from trackfield.io.measurements import read_readings, readings_from_columns, stream_readings
 from trackfield.io.tracks import read_tracks
-from trackfield.io.truth import read_truth
+from trackfield.io.truth import read_truth, truth_from_columns
 from trackfield.metrics import score as metrics
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
@@ -28,12 +28,13 @@ class Frame(Protocol):
 
 
 File = str | Path
-Run = Readings | File | Mapping[str, ArrayLike] | Frame
+Columns = Mapping[str, ArrayLike] | Frame
+Run = Readings | File | Columns
 
 
 def track(
     site: Site | File,
-    readings: Run | Iterable[Readings],
+    readings: Run | Iterable[Readings | Columns],
     *,
     lag_s: float = 0.0,
     lag_steps: int = 0,
@@ -43,7 +44,7 @@ def track(
 
     `site` is a `Site` or the path of its file. `readings` are `Readings`, the path of a file, a
     mapping of columns or a data frame (`t_s`, `sensor_id`, `kind`, `value`, and what else
-    `measurements.csv` may have), or chunks of `Readings` in order. `lag_s` (or `lag_steps`, in
+    `measurements.csv` may have), or chunks of any of these in order. `lag_s` (or `lag_steps`, in
     updates) asks for positions that much later and better; `every_s` thins the rows.
 
     `ConfigurationError` for a site and `InputError` for readings that cannot be used.
@@ -51,15 +52,17 @@ def track(
     place = _site(site)
     if isinstance(readings, str | Path):
         chunks = stream_readings(readings, sensor_ids=place.sensor_ids)
-    elif isinstance(readings, Readings | Mapping) or hasattr(readings, "columns"):
-        chunks = [_whole(place, cast("Run", readings))]
+    elif isinstance(readings, Iterable) and not _is_run(readings):
+        chunks = (_whole(place, chunk) for chunk in readings)
     else:
-        chunks = cast("Iterable[Readings]", readings)
+        chunks = [_whole(place, cast("Run", readings))]
     run = pipeline.track(place, chunks, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
     return run.tracks
 
 
-def calibrate(site: Site | File, readings: Run, truth: Truth | File) -> calibration.Calibration:
+def calibrate(
+    site: Site | File, readings: Run, truth: Truth | File | Columns
+) -> calibration.Calibration:
     """Learn the sensors' models of a site from a run whose truth is known.
 
     The calibrated site is the result's `site`; `trackfield.write_site` keeps it. Arguments and
@@ -69,7 +72,9 @@ def calibrate(site: Site | File, readings: Run, truth: Truth | File) -> calibrat
     return calibration.calibrate(place, _whole(place, readings), _truth(truth))
 
 
-def score(truth: Truth | File, tracks: Tracks | File, *, max_gap_s: float = 1.0) -> metrics.Score:
+def score(
+    truth: Truth | File | Columns, tracks: Tracks | File, *, max_gap_s: float = 1.0
+) -> metrics.Score:
     """Compare tracks, or a file of them, with truth.
 
     Truth is interpolated between samples at most `max_gap_s` apart. `InputError` where nothing
@@ -83,8 +88,16 @@ def _site(site: Site | File) -> Site:
     return site if isinstance(site, Site) else load_site(site)
 
 
-def _truth(truth: Truth | File) -> Truth:
-    return truth if isinstance(truth, Truth) else read_truth(truth)
+def _truth(truth: Truth | File | Columns) -> Truth:
+    if isinstance(truth, Truth):
+        return truth
+    return read_truth(truth) if isinstance(truth, str | Path) else truth_from_columns(truth)
+
+
+def _is_run(value: object) -> bool:
+    """Tell one run from an iterable of chunks; rows of numbers are a run, if a wrong one."""
+    whole = isinstance(value, Readings | Mapping)
+    return whole or hasattr(value, "columns") or hasattr(value, "dtype")
 
 
 def _whole(site: Site, readings: Run) -> Readings:

@@ -149,8 +149,10 @@ def _draw_map(
     axes.margins(0.06)
     axes.grid(color="0.92")
     axes.set_axisbelow(True)
-    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
-    axes.legend(**below, borderaxespad=4.0, ncols=4, frameon=False)
+    # Below the map, in the figure: the layout keeps room for it, however many rows it has.
+    figure = axes.get_figure(root=True)
+    if figure is not None:
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower left", ncols=6)
 
 
 def _draw_sensors(axes: Axes, site: Site) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from io import StringIO
 from typing import Annotated
 
 import typer
@@ -54,6 +55,7 @@ def _options(  # pyright: ignore[reportUnusedFunction]  typer keeps it
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `trackfield` with these arguments, or with those of the process; the exit code."""
+    _open_streams()
     try:
         app(args=arguments, prog_name="trackfield")
     except SystemExit as end:
@@ -73,6 +75,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if code == INTERRUPTED:
         sys.stderr.write("interrupted\n")
     return code
+
+
+def _open_streams() -> None:
+    """Talk to nobody where a caller closed an output: Python has None there."""
+    sys.stdout = sys.stdout or StringIO()
+    sys.stderr = sys.stderr or StringIO()
 
 
 def _complain(problems: list[str], code: int) -> int:

@@ -4,15 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from trackfield.cli.output import Json, check_figure, emit, number, progress, say, show_table
+from trackfield.cli.output import (
+    Json,
+    check_figure,
+    check_output,
+    emit,
+    naming,
+    number,
+    progress,
+    say,
+    show_table,
+    warn,
+)
 
 if TYPE_CHECKING:
     from trackfield.calibration import Calibration
     from trackfield.network.site import Site
+
+
+class Fitted(NamedTuple):
+    """A calibration, the names of the targets that its readings know, and what looked odd."""
+
+    calibration: Calibration
+    target_ids: tuple[str, ...]
+    warnings: list[str]
 
 
 def calibrate(
@@ -32,16 +51,22 @@ def calibrate(
     from trackfield.network.site_writer import sensors_file_for, write_site
 
     loaded = load_site(site)
+    inputs = (data, truth, loaded.sensors_file)
+    check_output(output, inputs)
     if plot is not None:
         check_figure(plot)
+        check_output(plot, (site, *inputs))
     with progress("calibrating") as moved:
-        calibration, target_ids = calibrated(loaded, data, truth, moved)
+        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved)
+    for warning in warnings:
+        warn(warning)
     write_site(calibration.site, output, comment=f"Calibrated on {data.name} with {truth.name}.")
     file = loaded.sensors_file
     result: dict[str, Any] = {
         "site": str(output),
         "sensors_file": str(sensors_file_for(file, output.parent)) if file else None,
         **_numbers(calibration),
+        "warnings": warnings,
     }
     if plot is not None:
         from trackfield.plotting import plot_calibration, save
@@ -55,17 +80,19 @@ def calibrate(
     _show(result)
 
 
-def calibrated(
-    site: Site, data: Path, truth: Path, moved: Callable[[float], None]
-) -> tuple[Calibration, tuple[str, ...]]:
-    """Fit a site to files; with the names of the targets that readings know."""
+def calibrated(site: Site, data: Path, truth: Path, moved: Callable[[float], None]) -> Fitted:
+    """Fit a site to files."""
     from trackfield.calibration import calibrate as fit
     from trackfield.io.measurements import read_readings
     from trackfield.io.truth import read_truth
+    from trackfield.network.survey import empty_survey, surveyed, unit_suspicion
 
     known = read_truth(truth)
     readings = read_readings(data, sensor_ids=site.sensor_ids, progress=moved)
-    return fit(site, readings, known), readings.target_ids
+    suspicion = unit_suspicion(surveyed(empty_survey(site), readings))
+    warnings = [f"{data}: {suspicion}"] if suspicion else []
+    with naming(data, truth):
+        return Fitted(fit(site, readings, known), readings.target_ids, warnings)
 
 
 def _numbers(calibration: Calibration) -> dict[str, Any]:

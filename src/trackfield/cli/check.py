@@ -95,7 +95,8 @@ def _show(site: Path, result: dict[str, Any], rows: list[tuple[str, str, str]]) 
         say(f"remark: {remark}")
     for problem in result["problems"]:
         say(f"problem: {problem}")
-    say("found no problem" if result["ok"] else f"found {len(result['problems'])} problems")
+    count = len(result["problems"])
+    say(f"found {count or 'no'} problem{'s' if count > 1 else ''}")
 
 
 def _show_data(data: dict[str, Any]) -> None:

@@ -91,7 +91,7 @@ def prepare_cases(output: Path) -> list[Case]:
 
     one, two = output / "plaza1", output / "plaza2"
     site = load_site(one / "site.toml")
-    calibration, _ = calibrated(site, one / "measurements.csv", one / "truth.csv", lambda _: None)
+    calibration, *_ = calibrated(site, one / "measurements.csv", one / "truth.csv", lambda _: None)
     file = two / "calibrated.toml"
     write_site(replace(calibration.site, name="plaza2"), file, comment="Calibrated on plaza1.")
     bare = load_site(two / "site.toml")

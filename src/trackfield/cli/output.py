@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from trackfield.errors import ConfigurationError, TrackfieldError
+from trackfield.errors import ConfigurationError, InputError, TrackfieldError
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else.")]
 
@@ -55,6 +55,38 @@ def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: 
 def number(value: float | None, digits: int = 3) -> str:
     """Write a number of a table; a dash for one that is not known."""
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def check_output(path: Path, inputs: Sequence[Path | None]) -> None:
+    """Refuse, before the work, a file that could not be written after it or is one of `inputs`."""
+    from trackfield.io.output import check_writable
+
+    if any(one is not None and _same(path, one) for one in inputs):
+        problem = f"{path}: found an input, expected another file to write to"
+        raise ConfigurationError([problem])
+    check_writable(path)
+
+
+def _same(path: Path, other: Path) -> bool:
+    return path.exists() and other.exists() and path.samefile(other)
+
+
+def check_folder(path: Path) -> None:
+    """Make a folder for results, unless there is one; refused before the work."""
+    from trackfield.io.output import check_writable, saying
+
+    with saying(path):
+        path.mkdir(parents=True, exist_ok=True)
+    check_writable(path / "file")
+
+
+@contextmanager
+def naming(*files: Path) -> Generator[None]:
+    """Put the names of `files` before an `InputError` that came from what is in them."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{', '.join(map(str, files))}: {error}") from None
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfield.cli.output import Json, check_figure, emit, progress, say, show_table
+from trackfield.cli.output import Json, check_figure, check_folder, emit, progress, say, show_table
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def reproduce(
         raise ConfigurationError([f"PAPER: found {paper!r}, expected one of: {expected}"])
     if output is not None:
         check_figure(output / "figure.png")
+        check_folder(output)
     from numpy.random import default_rng
 
     from trackfield.experiments.wang import reproduce as run
@@ -55,7 +56,6 @@ def draw(result: Reproduction, folder: Path) -> list[Path]:
     """Write every figure of a reproduction into `folder`."""
     from trackfield.plotting import save
 
-    folder.mkdir(parents=True, exist_ok=True)
     paths: list[Path] = []
     for name, figure in result.figures().items():
         paths.append(folder / f"{name}.png")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfield.cli.output import Json, emit, number, show_table
+from trackfield.cli.output import Json, emit, naming, number, show_table
 
 if TYPE_CHECKING:
     from trackfield.metrics.score import Score
@@ -31,8 +31,9 @@ def score(
     from trackfield.metrics.score import scores_by_target
 
     known, found = read_truth(truth), read_tracks(tracks)
-    total = score_all(known, found, max_gap_s=max_gap)
-    by_target = scores_by_target(known, found, max_gap_s=max_gap)
+    with naming(truth, tracks):
+        total = score_all(known, found, max_gap_s=max_gap)
+        by_target = scores_by_target(known, found, max_gap_s=max_gap)
     if as_json:
         targets = {name: one.to_dict() for name, one in by_target.items()}
         emit({**total.to_dict(), "targets": targets})

@@ -9,12 +9,34 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from trackfield.cli.output import Json, RunError, check_figure, emit, progress, say, warn
+from trackfield.cli.output import (
+    Json,
+    RunError,
+    check_figure,
+    check_output,
+    emit,
+    naming,
+    progress,
+    say,
+    warn,
+)
 from trackfield.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.types import Tracks, Truth
+
+
+# What is told of the tracker's counts, in which words.
+COUNTS = {
+    "readings": {
+        "accepted": "accepted",
+        "duplicate": "repeated",
+        "late": "too late",
+        "out_of_range": "out of range",
+    },
+    "tracks": {"started": "started", "restarted": "started again", "ended": "ended"},
+}
 
 
 class Lag(NamedTuple):
@@ -72,12 +94,15 @@ def track(
 
     loaded = with_method(load_site(site), method)
     problems = [f"{site}: {problem}" for problem in geometry_problems(loaded)]
-    if any(output.exists() and path.exists() and output.samefile(path) for path in (site, data)):
-        problems.append(f"{output}: found an input, expected another file to write to")
+    if truth is not None and plot is None:
+        problems.append("--truth: found no --plot, expected a picture to draw it into")
     if problems:
         raise ConfigurationError(problems)
+    inputs = (site, data, truth, loaded.sensors_file)
+    check_output(output, inputs)
     if plot is not None:
         check_figure(plot)
+        check_output(plot, inputs)
     known = read_truth(truth) if truth is not None else None
     wanted = Wanted(parse_lag(lag), every, keep=plot is not None)
     with progress("tracking") as moved:
@@ -89,9 +114,10 @@ def track(
     if as_json:
         emit(result)
     else:
-        counts = ", ".join(f"{n} {name}" for name, n in run.numbers["readings"].items())
         say(f"{output}: {run.numbers['rows']} rows, {run.numbers['shown']} of them shown")
-        say(f"readings: {counts}")
+        for what, names in COUNTS.items():
+            counts = (f"{run.numbers['readings'][key]} {name}" for key, name in names.items())
+            say(f"{what}: {', '.join(counts)}")
         if plot is not None:
             say(f"{plot}: drawn")
 
@@ -154,7 +180,8 @@ def run_tracker(
         fatal = [problem for problem in data_problems(survey) if problem != suspicion]
         if fatal:
             raise InputError(f"{data}: {'; '.join(fatal)}")
-        require_tracks(tracker)
+        with naming(data):
+            require_tracks(tracker)
         if visible == 0:
             raise RunError(f"{data}: found {survey.readings} readings, and no track was confirmed")
     numbers = {
@@ -176,6 +203,8 @@ def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
     if counts["late"]:
         window = f"tracker.window_s = {site.tracker.window_s:g}"
         said.append(f"{counts['late']} readings came later than {window} allows and were dropped")
+    if counts["out_of_range"]:
+        said.append(f"{counts['out_of_range']} readings were beyond max_range_m and were dropped")
     return said
 
 

@@ -20,21 +20,13 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     work starts, with `InputError`. A pipe or a device has no beside: it is written directly.
     """
     target = Path(os.path.realpath(path))  # a link stays one
-    with saying(path):
-        before, regular = target.exists(), target.is_file()
-        if target.is_dir():
-            raise InputError(f"{path}: cannot be written: found a folder, expected a file")
-    if before and not regular:
+    if _is_pipe(target, path):
         with saying(path):
             file = target.open("wb")
         with _closed(file, path):
             yield file
         return
-    draft = target.with_name(f".trackfield-{secrets.token_hex(8)}.tmp")
-    with saying(path):
-        if before:
-            target.open("ab").close()  # may it be written at all?
-        file = draft.open("xb")
+    draft, file = _draft(target, path)
     try:
         with _closed(file, path):
             yield file
@@ -43,6 +35,32 @@ def replacing(path: Path) -> Generator[BinaryIO]:
     except BaseException:  # an interrupt too must leave nothing behind
         draft.unlink(missing_ok=True)
         raise
+
+
+def check_writable(path: Path) -> None:
+    """Raise `InputError` now if a file could not be written to `path` later."""
+    target = Path(os.path.realpath(path))
+    if not _is_pipe(target, path):
+        draft, file = _draft(target, path)
+        file.close()
+        draft.unlink()
+
+
+def _is_pipe(target: Path, path: Path) -> bool:
+    """Tell if `target` is there and no regular file; `InputError` for a folder."""
+    with saying(path):
+        if target.is_dir():
+            raise InputError(f"{path}: cannot be written: found a folder, expected a file")
+        return target.exists() and not target.is_file()
+
+
+def _draft(target: Path, path: Path) -> tuple[Path, BinaryIO]:
+    """Open a new file beside `target`; `InputError` about `path` where that cannot be."""
+    draft = target.with_name(f".trackfield-{secrets.token_hex(8)}.tmp")
+    with saying(path):
+        if target.exists():
+            target.open("ab").close()  # may it be written at all?
+        return draft, draft.open("xb")
 
 
 @contextmanager

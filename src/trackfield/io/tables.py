@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
@@ -145,7 +146,7 @@ def check_columns(found: Iterable[str], schema: Schema, where: str) -> None:
     """Refuse columns that `schema` does not know, miss or come twice, all in one `InputError`."""
     found = list(found)
     problems = [
-        f"found an unknown column {column!r} ({_nearest(column, schema.columns)})"
+        f"found an unknown column {column!r}{_meant(column, schema.columns)}"
         for column in dict.fromkeys(found)
         if column not in schema.columns
     ]
@@ -170,6 +171,11 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _meant(column: str, known: Sequence[str]) -> str:
+    close = get_close_matches(column, known, n=1, cutoff=0.5)
+    return f" (nearest valid one: {close[0]})" if close else ""
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from trackfield.io.arrow import table_of_columns
 from trackfield.io.sources import read_tables
 from trackfield.io.tables import NUMBER, OPTIONAL_NUMBER, Checks, Schema, Table, refuse_empty
 from trackfield.io.writing import write_table
@@ -29,6 +30,18 @@ def read_truth(path: str | Path) -> Truth:
         position=np.concatenate([chunk.position for chunk in chunks]),
         target_ids=tuple(targets),
     )
+
+
+def truth_from_columns(columns: object) -> Truth:
+    """Make truth of a mapping of columns, a data frame of pandas or a table of Arrow.
+
+    Columns are those of `truth.csv`. `InputError` names row (counted from 0), column, what was
+    found and what was expected.
+    """
+    table = table_of_columns(columns, SCHEMA, "truth")
+    if not len(table):
+        refuse_empty(table.file, SCHEMA)
+    return _truth(table, {})
 
 
 def write_truth(path: str | Path, truth: Truth) -> None:
