@@ -125,8 +125,9 @@ def test_ranges_in_millimetres_are_warned_of(call, run, tmp_path):
     data.write_text("\n".join([head, *map(",".join, large)]) + "\n")
     done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml", "--json")
     assert "are both in metres?" in done.err
-    if done.code == 0:
-        assert done.json["warnings"] == [done.err.removeprefix("warning: ").rstrip("\n")]
+    assert done.code == 0
+    assert done.json["warnings"] == [done.err.removeprefix("warning: ").rstrip("\n")]
+    assert done.json["clock_error_s"] == {"tag": None}  # not to be told from such readings
 
 
 @pytest.mark.parametrize("name", ["measurements.csv", "truth.csv", "sensors.csv"])
@@ -148,7 +149,20 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(call, run, tmp_p
 
 def test_runs_that_do_not_belong_together_are_named(call, run, tmp_path):
     truth = run / "truth.csv"
-    truth.write_text(truth.read_text().replace("tag", "cart"))
+    truth.write_text("t_s,target_id,x_m,y_m\n9000,tag,1,1\n9001,tag,2,1\n")
     done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml")
     assert done.code == 2
     assert done.err.startswith(f"error: {run / 'measurements.csv'}, {truth}: found no target")
+
+
+@pytest.mark.parametrize("method", ["weighted", "least-squares"])
+def test_wangs_statistics_serve_all_sensors_alike(call, run, tmp_path, method):
+    done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml", "--method", method, "--json")
+    assert done.code == 0
+    assert len({row["bias_m"] for row in done.json["sensors"]}) == 1
+
+
+def test_a_method_that_is_none(call, run, tmp_path):
+    done = call("calibrate", *inputs(run), "-o", tmp_path / "c.toml", "--method", "magic")
+    assert done.code == 2
+    assert "--method: found 'magic', expected robust, weighted or least-squares" in done.err

@@ -236,3 +236,23 @@ def test_a_run_in_chunks_is_the_run():
     whole, parts = track(SITE, table(SITE, ROWS)), track(SITE, iter(chunks))
     np.testing.assert_array_equal(whole.tracks.position, parts.tracks.position)
     assert whole.counts == parts.counts
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"lag_s": -1.0},
+        {"lag_s": float("nan")},
+        {"every_s": float("inf")},
+        {"lag_steps": 1.5},
+        {"lag_s": "x"},
+    ],
+)
+def test_a_lag_that_cannot_be_is_refused(asked):
+    with pytest.raises(ConfigurationError, match="expected finite numbers, 0 or more"):
+        Tracker(box(), **asked)
+
+
+def test_what_is_no_table_is_refused():
+    with pytest.raises(InputError, match="found dict, expected Readings"):
+        Tracker(box()).process({"t_s": [1.0]})

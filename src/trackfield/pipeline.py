@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import struct
 from collections.abc import Iterable
 from dataclasses import astuple
@@ -78,11 +79,23 @@ class Tracker:
     def __init__(
         self, site: Site, *, lag_s: float = 0.0, lag_steps: int = 0, every_s: float = 0.0
     ) -> None:
+        try:
+            sound = all(0 <= float(n) < math.inf for n in (lag_s, lag_steps, every_s))
+            sound = sound and lag_steps == int(lag_steps)
+        except (TypeError, ValueError):
+            sound = False
+        if not sound:
+            raise ConfigurationError(
+                [
+                    f"found lag_s {lag_s!r}, lag_steps {lag_steps!r}, every_s {every_s!r}, "
+                    "expected finite numbers, 0 or more, and whole steps"
+                ]
+            )
         problems = geometry(site).problems
         if problems:
             raise ConfigurationError([f"site {site.name}: {problem}" for problem in problems])
         self._site = site
-        self._output = Output(lag_s, lag_steps, every_s)
+        self._output = Output(float(lag_s), int(lag_steps), float(every_s))
         self._bank = create(site, self._output)
         self._sensors = {name: i for i, name in enumerate(site.sensor_ids)}
         self._variants = {name: i + 1 for i, name in enumerate(site.target_models)}
@@ -110,6 +123,8 @@ class Tracker:
 
         No reading with a time up to `watermark_s` may follow, but for late ones.
         """
+        if not isinstance(readings, Readings):  # pyright: ignore[reportUnnecessaryIsInstance] - callers are not all checked
+            raise InputError(f"found {type(readings).__name__}, expected Readings")
         if len(readings):
             self._add(readings)
         if watermark_s is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -20,9 +21,10 @@ from trackfield.cli.output import (
     show_table,
     warn,
 )
+from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from trackfield.calibration import Calibration
+    from trackfield.calibration import Calibration, Method
     from trackfield.network.site import Site
 
 
@@ -41,6 +43,10 @@ def calibrate(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="SITE", help="Where the site is written.")
     ],
+    method: Annotated[
+        str,
+        typer.Option(metavar="M", help="robust, or Wang's statistics: weighted or least-squares."),
+    ] = "robust",
     plot: Annotated[
         Path | None, typer.Option(metavar="PNG", help="Draw how well the models fit.")
     ] = None,
@@ -50,6 +56,7 @@ def calibrate(
     from trackfield.network.site_file import load_site
     from trackfield.network.site_writer import sensors_file_for, write_site
 
+    chosen = parse_method(method)
     loaded = load_site(site)
     inputs = (data, truth, loaded.sensors_file)
     check_output(output, inputs)
@@ -57,7 +64,7 @@ def calibrate(
         check_figure(plot)
         check_output(plot, (site, *inputs))
     with progress("calibrating") as moved:
-        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved)
+        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved, method=chosen)
     for warning in warnings:
         warn(warning)
     write_site(calibration.site, output, comment=f"Calibrated on {data.name} with {truth.name}.")
@@ -80,7 +87,24 @@ def calibrate(
     _show(result)
 
 
-def calibrated(site: Site, data: Path, truth: Path, moved: Callable[[float], None]) -> Fitted:
+def parse_method(text: str) -> Method:
+    """Read the name of a way to calibrate; `least-squares` needs no quotes on a command line."""
+    match text.replace("-", " "):
+        case "robust" | "weighted" | "least squares" as method:
+            return method
+        case _:
+            expected = "robust, weighted or least-squares"
+            raise ConfigurationError([f"--method: found {text!r}, expected {expected}"])
+
+
+def calibrated(
+    site: Site,
+    data: Path,
+    truth: Path,
+    moved: Callable[[float], None],
+    *,
+    method: Method = "robust",
+) -> Fitted:
     """Fit a site to files."""
     from trackfield.calibration import calibrate as fit
     from trackfield.io.measurements import read_readings
@@ -92,7 +116,7 @@ def calibrated(site: Site, data: Path, truth: Path, moved: Callable[[float], Non
     suspicion = unit_suspicion(surveyed(empty_survey(site), readings))
     warnings = [f"{data}: {suspicion}"] if suspicion else []
     with naming(data, truth):
-        return Fitted(fit(site, readings, known), readings.target_ids, warnings)
+        return Fitted(fit(site, readings, known, method=method), readings.target_ids, warnings)
 
 
 def _numbers(calibration: Calibration) -> dict[str, Any]:
@@ -101,7 +125,10 @@ def _numbers(calibration: Calibration) -> dict[str, Any]:
         "readings": calibration.given,
         "used": calibration.used,
         "clock_offset_s": dict(calibration.clock_offset_s),
-        "clock_error_s": dict(calibration.clock_error_s),
+        "clock_error_s": {
+            target: error if isfinite(error) else None  # a clock that nothing tells
+            for target, error in calibration.clock_error_s.items()
+        },
         "sensors": [row._asdict() for row in calibration.sensors],
     }
 
@@ -121,6 +148,8 @@ def _show(result: dict[str, Any]) -> None:
     show_table(("sensor", "readings", "bias [m]", "scale", "sigma [m]"), rows)
     for target, offset in result["clock_offset_s"].items():
         error = result["clock_error_s"][target]
-        say(f"clock of {target or 'the readings'}: {offset:+.3f} ± {error:.3f} s to the truth's")
+        say(
+            f"clock of {target or 'the readings'}: {offset:+.3f} ± {number(error)} s to the truth's"
+        )
     say(f"{result['used']} of {result['readings']} readings had truth beside them")
     say(f"{result['site']}: written; sensors stand as in {result['sensors_file'] or 'it'}")
