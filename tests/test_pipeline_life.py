@@ -124,6 +124,25 @@ def test_a_track_that_lost_its_target_is_started_again():
     assert (shown.status[shown.t_s > 101.0] == Status.TENTATIVE).sum() == 1  # where it restarted
 
 
+def test_more_than_half_of_twelve_surprises_start_again():
+    """Six surprises are bad luck, seven are another place."""
+    turn = np.pi / 8 + 0.1  # no sensor is as far from the one place as from the other
+    at = 5.0 * np.array([[np.cos(turn), np.sin(turn)], [-np.cos(turn), -np.sin(turn)]])
+    rows = [
+        Heard(
+            100.0 + 0.1 * k,
+            k % 8,
+            float(np.linalg.norm(at[int(k >= 40)] - SITE.positions[k % 8, :2])),
+        )
+        for k in range(60)
+    ]
+    tracker = Tracker(SITE)
+    shown = tracker.process(table(SITE, rows))
+    again = np.flatnonzero((shown.status == Status.TENTATIVE) & (shown.t_s > 103.0))
+    assert shown.t_s[again] == pytest.approx([rows[46].t])
+    np.testing.assert_allclose(shown.position[-1, :2], at[1], atol=0.1)
+
+
 # Rows -------------------------------------------------------------------------------------------
 
 
@@ -139,12 +158,19 @@ def test_the_first_rows_are_tentative_and_the_others_confirmed():
 
 @pytest.mark.parametrize("every", [0.2, 0.25, 1.0])
 def test_rows_are_thinned(every):
-    rows = target()
-    all_rows, thinned = (Tracker(SITE, every_s=e).process(table(SITE, rows)) for e in (0.0, every))
-    assert np.diff(thinned.t_s).min() >= every - 1e-9
-    assert len(thinned) == pytest.approx((all_rows.t_s[-1] - 100.0) / every, rel=0.3)
-    same_time = np.isin(all_rows.t_s, thinned.t_s)
-    np.testing.assert_array_equal(all_rows.position[same_time], thinned.position)
+    """An outage is bridged by coasting rows; what is shown of updates is what it always was."""
+    rows = target() + target(112.0)
+    all_rows, shown = (Tracker(SITE, every_s=e).process(table(SITE, rows)) for e in (0.0, every))
+    assert np.diff(shown.t_s).min() >= every - 1e-9
+    assert np.diff(shown.t_s).max() < max(2 * every, 1.0) + 0.125
+    assert len(shown) == pytest.approx((all_rows.t_s[-1] - 100.0) / every, rel=0.3)
+    updated = shown.status != Status.COASTING
+    same_time = np.isin(all_rows.t_s, shown.t_s[updated])
+    for column in ("position", "velocity", "covariance", "nis"):
+        expected = getattr(all_rows, column)[same_time]
+        np.testing.assert_array_equal(getattr(shown, column)[updated], expected)
+    silence = (shown.t_s > 104.875) & (shown.t_s < 112.0)
+    np.testing.assert_array_equal(~updated, silence)
 
 
 def test_rows_with_a_lag_come_once_they_are_that_old():

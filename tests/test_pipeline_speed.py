@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 import time
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
+from benches import load
 from trackfield.pipeline import track
 
 pytestmark = pytest.mark.speed
 NUMPY_RATIO = 8.0
 SLACK = 1.5
-
-
-def load(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_a_scan_against_a_plain_numpy_filter(root: Path) -> None:
