@@ -75,16 +75,7 @@ void RangeFilter::mix_sized(Belief &b, double dt) {
             m[k] = 0;
             for (int i = 0; i < M; ++i) m[k] += w[i] * b.mean[i][k];
         }
-        std::fill(P, P + n * n, 0.0);
-        for (int i = 0; i < M; ++i) {
-            const double *mi = b.mean[i].data(), *Pi = b.cov[i].data();
-            for (int r = 0; r < n; ++r) {
-                const double dr = w[i] * (mi[r] - m[r]);
-                for (int k = r; k < n; ++k) P[r * n + k] += w[i] * Pi[r * n + k] + dr * (mi[k] - m[k]);
-            }
-        }
-        for (int r = 1; r < n; ++r)
-            for (int k = 0; k < r; ++k) P[r * n + k] = P[k * n + r];
+        spread_sized<N>(b, w, m, P);
     }
     for (int j = 0; j < M; ++j) b.mode_probability[j] = c[j];
 }

@@ -83,6 +83,10 @@ class RangeFilter {
     template <int N>
     void combine_sized(Belief &b) const;
 
+    // P = sum_j w_j (P_j + (m_j - m)(m_j - m)'), over the modes.
+    template <int N>
+    void spread_sized(const Belief &b, const double *w, const double *m, double *P) const;
+
     static double sq(double v) { return v * v; }
 
     int slot_of(const Belief &b, int32_t sensor) const {

@@ -86,23 +86,27 @@ inline void RangeFilter::combine(Belief &b) const {
 
 template <int N>
 void RangeFilter::combine_sized(Belief &b) const {
-    const int n = N ? N : L.n, nn = n * n;
+    const int n = N ? N : L.n;
     if (s.modes == 1) { b.m = b.mean[0]; b.P = b.cov[0]; return; }
     b.m.assign(n, 0.0);
-    b.P.assign(nn, 0.0);
+    b.P.resize(size_t(n) * n);
     for (int j = 0; j < s.modes; ++j)
         for (int i = 0; i < n; ++i) b.m[i] += b.mode_probability[j] * b.mean[j][i];
-    for (int j = 0; j < s.modes; ++j) {
-        const double w = b.mode_probability[j];
-        for (int i = 0; i < n; ++i) {
-            const double di = w * (b.mean[j][i] - b.m[i]);
-            const double *c = &b.cov[j][i * n];
-            double *p = &b.P[i * n];
-            for (int k = i; k < n; ++k) p[k] += w * c[k] + di * (b.mean[j][k] - b.m[k]);
+    spread_sized<N>(b, b.mode_probability, b.m.data(), b.P.data());
+}
+
+template <int N>
+void RangeFilter::spread_sized(const Belief &b, const double *w, const double *m, double *P) const {
+    const int n = N ? N : L.n;
+    for (int r = 0; r < n; ++r)
+        for (int k = r; k < n; ++k) {
+            double sum = 0;
+            for (int j = 0; j < s.modes; ++j) {
+                const double *x = b.mean[j].data();
+                sum += w[j] * (b.cov[j][r * n + k] + (x[r] - m[r]) * (x[k] - m[k]));
+            }
+            P[r * n + k] = P[k * n + r] = sum;
         }
-    }
-    for (int i = 1; i < n; ++i)
-        for (int k = 0; k < i; ++k) b.P[i * n + k] = b.P[k * n + i];
 }
 
 inline void RangeFilter::condition(Belief &b, const std::vector<Reading> &scan, double *loglik) {
