@@ -124,23 +124,56 @@ def test_a_track_that_lost_its_target_is_started_again():
     assert (shown.status[shown.t_s > 101.0] == Status.TENTATIVE).sum() == 1  # where it restarted
 
 
-def test_more_than_half_of_twelve_surprises_start_again():
-    """Six surprises are bad luck, seven are another place."""
+def carried_away(site=SITE, *, at_reading=40):
+    """Readings, one at a time, of a target that is suddenly elsewhere."""
     turn = np.pi / 8 + 0.1  # no sensor is as far from the one place as from the other
     at = 5.0 * np.array([[np.cos(turn), np.sin(turn)], [-np.cos(turn), -np.sin(turn)]])
-    rows = [
-        Heard(
-            100.0 + 0.1 * k,
-            k % 8,
-            float(np.linalg.norm(at[int(k >= 40)] - SITE.positions[k % 8, :2])),
-        )
-        for k in range(60)
-    ]
+    r = np.linalg.norm(at[:, None] - site.positions[:, :2], axis=2)
+    rows = [Heard(100.0 + 0.1 * k, k % 8, float(r[int(k >= at_reading), k % 8])) for k in range(80)]
+    return rows, at[1]
+
+
+@pytest.mark.parametrize("at_reading", [40, 57])  # the latter when old readings are thrown away
+def test_more_than_half_of_twelve_surprises_start_again(at_reading):
+    """Six surprises are bad luck, seven are another place."""
+    rows, there = carried_away(at_reading=at_reading)
     tracker = Tracker(SITE)
     shown = tracker.process(table(SITE, rows))
     again = np.flatnonzero((shown.status == Status.TENTATIVE) & (shown.t_s > 103.0))
-    assert shown.t_s[again] == pytest.approx([rows[46].t])
-    np.testing.assert_allclose(shown.position[-1, :2], at[1], atol=0.1)
+    assert shown.t_s[again] == pytest.approx([rows[at_reading + 6].t])
+    np.testing.assert_allclose(shown.position[-1, :2], there, atol=0.1)
+
+
+def test_a_new_place_takes_little_of_what_was_learned_along():
+    site = box(RangeModel(sigma_m=0.1, learn_noise=True))
+    rows, _ = carried_away(site)
+    tracker, pool = Tracker(site), {}
+    for z in rows:
+        tracker.process(table(site, [z]), watermark_s=z.t)
+        belief = opened(tracker._bank.snapshot()).targets[0].belief
+        pool[tracker.counts["restarted"]] = pool.get(tracker.counts["restarted"], [])
+        if belief.alive:
+            pool[tracker.counts["restarted"]].append((belief.pool[0], belief.heard[0]))
+    lost, fresh = np.array(pool[0][-1]), np.array(pool[1][0])
+    assert (lost > 5.0).all()
+    assert (fresh < 0.2 * lost).all()
+    assert (fresh > 0.05 * lost).all()
+
+
+def test_what_no_place_explains_better_starts_nothing():
+    """Readings too long and too short by turns surprise like another place, but none fits."""
+    r = np.linalg.norm(path(0.0)[:2] - SITE.positions[:, :2], axis=1)
+    opposite = (0, 4, 2, 6, 1, 5, 3, 7)
+    rows = []
+    for k in range(80):
+        i = opposite[k % 8]
+        wrong = (1.0, 1.0, -1.0, -1.0)[k % 4] if 40 <= k < 60 else 0.0
+        rows.append(Heard(100.0 + 0.1 * k, i, float(r[i] + wrong)))
+    tracker = Tracker(SITE)
+    shown = tracker.process(table(SITE, rows))
+    assert (shown.nis[40:60] == 9.0).sum() > 10
+    assert tracker.counts["restarted"] == 0
+    assert np.linalg.norm((shown.position[-1] - path(0.0))[:2]) < 0.2
 
 
 # Rows -------------------------------------------------------------------------------------------
@@ -300,6 +333,16 @@ def test_a_track_ends_when_its_target_returns_too_late(asked):
     assert tracker.counts["ended"] == 1
 
 
+def test_what_was_heard_before_the_end_does_not_start_the_next_track():
+    site = box(RangeModel(sigma_m=0.1), drop_s=6.0)
+    rows = one_by_one([k % 8 for k in range(40)])
+    back = rows[-1].t + 8.0
+    rows += [z._replace(t=z.t - 100.0 + back) for z in one_by_one([0, 3, 6] * 10)]
+    tracker = Tracker(site)
+    shown = tracker.process(table(site, rows))
+    assert shown.t_s[shown.track == 2][0] > back + 4.0  # from three sensors, having waited
+
+
 def test_an_outage_that_is_not_too_long_keeps_the_track():
     rows = target() + target(115.0)
     tracker = Tracker(SITE)
@@ -333,6 +376,22 @@ def test_readings_are_counted_by_how_they_fared():
         "rewound": 0,
     }
     assert tracker.heard == site.sensor_ids
+
+
+def test_a_reading_as_late_as_the_window_still_counts():
+    rows = target()
+    tracker = Tracker(SITE)
+    tracker.process(table(SITE, rows))
+    for age, late in ((1.0, 0), (1.001, 1)):
+        sensor = (
+            0
+            if late
+            else next(
+                i for i in range(8) if (rows[-1].t - age, i) not in {(z.t, z.sensor) for z in rows}
+            )
+        )
+        tracker.process(table(SITE, [Heard(rows[-1].t - age, sensor, 9.0)]))
+        assert tracker.counts["late"] == late
 
 
 def test_a_duplicate_of_another_value_is_a_duplicate():
