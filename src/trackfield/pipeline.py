@@ -73,7 +73,8 @@ class Tracker:
     shown are not revised.
 
     `lag_s` (or `lag_steps`, in updates) asks for smoothed rows that much later, `every_s` thins
-    the rows and adds coasting ones where a target is silent.
+    the rows and, without a lag, adds coasting ones where a target is silent. `arrival_s` orders
+    the readings of one table only: tables themselves are taken as they come.
     """
 
     def __init__(
