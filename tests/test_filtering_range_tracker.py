@@ -186,9 +186,9 @@ def test_ways_to_move():
     assert [m.accel_density for m in wild] == [STRAIGHT.accel_density, TURNING.accel_density, 9.0]
     calm = modes(Target(accel_sigma_m_s2=0.1))
     assert [m.turns for m in calm] == [False, True, True]
-    assert calm[2].accel_density == pytest.approx(0.01)
-    ratios = [c.accel_density / w.accel_density for c, w in zip(calm, modes(Target()), strict=True)]
-    np.testing.assert_allclose(ratios, 0.02)
+    # No mode is wilder than what is told; a straight way is as quiet as it was.
+    expected = [STRAIGHT.accel_density, 0.01, 0.01]
+    np.testing.assert_allclose([m.accel_density for m in calm], expected)
 
 
 @pytest.mark.parametrize(

@@ -71,10 +71,9 @@ def modes(target: Target) -> tuple[Mode, ...]:
         return (Mode(alone, turns=False, switch_rate=0.0),)
     if density is None:
         return (STRAIGHT, TURNING, MANOEUVRING)
-    quiet = min(1.0, density / MANOEUVRING.accel_density)
     return (
-        STRAIGHT._replace(accel_density=STRAIGHT.accel_density * quiet),
-        TURNING._replace(accel_density=TURNING.accel_density * quiet),
+        STRAIGHT._replace(accel_density=min(STRAIGHT.accel_density, density)),
+        TURNING._replace(accel_density=min(TURNING.accel_density, density)),
         MANOEUVRING._replace(accel_density=density),
     )
 
