@@ -130,6 +130,49 @@ class Readings:
         return data_frame(self.columns())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Reports:
+    """Positions that name no target, in order of arrival: one row a report.
+
+    `position` (n, 3) [m], z NaN where unknown; `covariance` (n, 3) holds xx, xy, yy [m^2], NaN
+    where the report brings none; `confidence` (n,) is the probability that it is of a target, NaN
+    where unknown; `arrival_s` is NaN where the report is taken as it comes.
+    """
+
+    t_s: Vector
+    arrival_s: Vector
+    position: Matrix
+    covariance: Matrix
+    confidence: Vector
+
+    def __len__(self) -> int:
+        return int(self.t_s.size)
+
+    def columns(self) -> Columns:
+        """Columns as in a file; `sigma_m` is the mean over the two axes."""
+        return {
+            "t_s": self.t_s,
+            "arrival_s": self.arrival_s,
+            "x_m": self.position[:, 0],
+            "y_m": self.position[:, 1],
+            "z_m": self.position[:, 2],
+            "sigma_m": np.sqrt((self.covariance[:, 0] + self.covariance[:, 2]) / 2.0),
+            "confidence": self.confidence,
+        }
+
+    def to_numpy(self) -> Arrays:
+        """Make arrays of `columns`."""
+        return arrays(self.columns())
+
+    def to_arrow(self) -> ArrowTable:
+        """Make a `pyarrow.Table` of `columns`; `ImportError` without the extra `data`."""
+        return arrow_table(self.columns())
+
+    def to_pandas(self) -> DataFrame:
+        """Make a `pandas.DataFrame` of `columns`; `ImportError` without the extra `data`."""
+        return data_frame(self.columns())
+
+
 class Report(NamedTuple):
     """A position that localization made of one scan; position (d,) [m], covariance (d, d) [m^2]."""
 
@@ -240,7 +283,7 @@ class Tracks:
         return data_frame(self.columns())
 
 
-Table = TypeVar("Table", Readings, Truth, Tracks)
+Table = TypeVar("Table", Readings, Reports, Truth, Tracks)
 
 
 def select_rows(table: Table, rows: NDArray[Any]) -> Table:

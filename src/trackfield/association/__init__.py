@@ -1,0 +1,1 @@
+"""Which report belongs to which target: trackers of many unknown targets."""

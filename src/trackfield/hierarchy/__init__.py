@@ -1,0 +1,1 @@
+"""Tracking groups: each tracks its own region, hands targets over, and the base unites them."""
