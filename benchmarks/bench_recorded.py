@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.calibration import calibrate
+from trackfield.calibration.ranges import calibrate
 from trackfield.io.measurements import read_readings
 from trackfield.io.recorded import recorded
 from trackfield.io.truth import read_truth

@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.collections import EllipseCollection
 
-from trackfield.calibration import calibrate
+from trackfield.calibration.ranges import calibrate
 from trackfield.plotting import (
     PALETTE,
     SIGMAS_95,

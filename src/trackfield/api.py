@@ -8,7 +8,8 @@ from typing import Protocol, cast
 
 from numpy.typing import ArrayLike
 
-from trackfield import calibration, pipeline
+from trackfield import pipeline
+from trackfield.calibration import ranges
 from trackfield.io.measurements import read_readings, readings_from_columns, stream_readings
 from trackfield.io.tracks import read_tracks
 from trackfield.io.truth import read_truth, truth_from_columns
@@ -62,14 +63,14 @@ def track(
 
 def calibrate(
     site: Site | File, readings: Run, truth: Truth | File | Columns
-) -> calibration.Calibration:
+) -> ranges.Calibration:
     """Learn the sensors' models of a site from a run whose truth is known.
 
     The calibrated site is the result's `site`; `trackfield.write_site` keeps it. Arguments and
     errors are those of `track`.
     """
     place = _site(site)
-    return calibration.calibrate(place, _whole(place, readings), _truth(truth))
+    return ranges.calibrate(place, _whole(place, readings), _truth(truth))
 
 
 def score(

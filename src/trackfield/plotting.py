@@ -20,7 +20,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trackfield.calibration import Calibration
+from trackfield.calibration.ranges import Calibration
 from trackfield.errors import InputError
 from trackfield.network.site import Site
 from trackfield.sensing.range import RangeColumns, columns, expected, variance

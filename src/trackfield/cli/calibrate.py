@@ -24,7 +24,7 @@ from trackfield.cli.output import (
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from trackfield.calibration import Calibration, Method
+    from trackfield.calibration.ranges import Calibration, Method
     from trackfield.network.site import Site
 
 
@@ -106,7 +106,7 @@ def calibrated(
     method: Method = "robust",
 ) -> Fitted:
     """Fit a site to files."""
-    from trackfield.calibration import calibrate as fit
+    from trackfield.calibration.ranges import calibrate as fit
     from trackfield.io.measurements import read_readings
     from trackfield.io.truth import read_truth
     from trackfield.network.survey import empty_survey, surveyed, unit_suspicion

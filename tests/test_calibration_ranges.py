@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trackfield.calibration import Calibration, calibrate
+from trackfield.calibration.ranges import Calibration, calibrate
 from trackfield.errors import InputError
 from trackfield.network.site import Site, Target
 from trackfield.sensing.range import UNCALIBRATED, RangeModel, correlated_errors
