@@ -22,6 +22,11 @@ from trackfield.sensing import range_statistics
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian, Matrix, Vector
 
+if __package__:  # run as `python -m tests.golden`
+    from tests import golden_oh
+else:
+    import golden_oh
+
 Case = dict[str, Any]
 Answer = dict[str, Any]
 
@@ -125,6 +130,7 @@ KINDS: dict[str, Callable[[Case], Answer]] = {
     "trilateration_ols": trilateration_ols,
     "trilateration_covariance": trilateration_covariance,
     "trilateration_traces": trilateration_traces,
+    **golden_oh.KINDS,
 }
 
 
