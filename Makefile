@@ -1,7 +1,9 @@
 # Every task of the project. `make` alone lists them; each one makes the environment it needs.
 
 BIN := .venv/bin
-RUN := .venv/run.stamp
+# The environment knows the package's files by name, so it is made again when the list of them changes.
+LAYOUT := $(shell find src -name '*.py' | LC_ALL=C sort | cksum | cut -d' ' -f1)
+RUN := .venv/run.$(LAYOUT).stamp
 TEST := .venv/test.stamp
 PEERS := .venv/peers.stamp
 KERNELS := $(wildcard src/trackfield/_core/*.cpp src/trackfield/_core/*.hpp)

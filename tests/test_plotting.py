@@ -15,15 +15,9 @@ pytest.importorskip("matplotlib")
 from matplotlib.collections import EllipseCollection
 
 from trackfield.calibration.ranges import calibrate
-from trackfield.plotting import (
-    PALETTE,
-    SIGMAS_95,
-    Errors,
-    kind_of,
-    plot_calibration,
-    plot_tracks,
-    save,
-)
+from trackfield.plotting.calibration import plot_calibration
+from trackfield.plotting.style import PALETTE, SIGMAS_95, kind_of, save
+from trackfield.plotting.tagged import Errors, plot_tracks
 
 SITE = Site(
     "yard",

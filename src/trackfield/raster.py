@@ -49,6 +49,10 @@ class Raster:
         j = _cell((positions[..., 0] - x_min) / (x_max - x_min), columns)
         return self.values[i, j]
 
+    def centres(self) -> Matrix:
+        """Centres (rows * columns, 2) [m] of the cells, row by row."""
+        return _centres(self.region, *self.values.shape)
+
     def mean(self) -> float:
         """Mean over the region."""
         return float(self.values.mean())
@@ -63,10 +67,7 @@ def cell_centres(region: Region, cell_m: float) -> tuple[Matrix, tuple[int, int]
     x_min, y_min, x_max, y_max = region
     columns = max(1, round((x_max - x_min) / cell_m))
     rows = max(1, round((y_max - y_min) / cell_m))
-    x = x_min + (np.arange(columns) + 0.5) * (x_max - x_min) / columns
-    y = y_min + (np.arange(rows) + 0.5) * (y_max - y_min) / rows
-    grid_x, grid_y = np.meshgrid(x, y)
-    return np.column_stack([grid_x.ravel(), grid_y.ravel()]), (rows, columns)
+    return _centres(region, rows, columns), (rows, columns)
 
 
 def value_at(quantity: Field, positions: Matrix) -> Vector:
@@ -74,6 +75,14 @@ def value_at(quantity: Field, positions: Matrix) -> Vector:
     if isinstance(quantity, Raster):
         return quantity.at(positions)
     return np.full(positions.shape[:-1], float(quantity))
+
+
+def _centres(region: Region, rows: int, columns: int) -> Matrix:
+    x_min, y_min, x_max, y_max = region
+    x = x_min + (np.arange(columns) + 0.5) * (x_max - x_min) / columns
+    y = y_min + (np.arange(rows) + 0.5) * (y_max - y_min) / rows
+    grid_x, grid_y = np.meshgrid(x, y)
+    return np.column_stack([grid_x.ravel(), grid_y.ravel()])
 
 
 def _cell(share: Vector, cells: int) -> NDArray[np.intp]:

@@ -76,7 +76,8 @@ def calibrate(
         "warnings": warnings,
     }
     if plot is not None:
-        from trackfield.plotting import plot_calibration, save
+        from trackfield.plotting.calibration import plot_calibration
+        from trackfield.plotting.style import save
 
         title = f"{loaded.name}: calibration on {data.name}"
         save(plot_calibration(calibration, target_ids=target_ids, title=title), plot)

@@ -116,7 +116,7 @@ def progress(what: str) -> Generator[Callable[[float], None]]:
 def check_figure(path: Path) -> None:
     """Refuse, before the work, a figure that could not be written after it."""
     try:
-        from trackfield.plotting import kind_of
+        from trackfield.plotting.style import kind_of
     except ModuleNotFoundError as error:
         if error.name != "matplotlib":
             raise

@@ -54,7 +54,7 @@ def reproduce(
 
 def draw(result: Reproduction, folder: Path) -> list[Path]:
     """Write every figure of a reproduction into `folder`."""
-    from trackfield.plotting import save
+    from trackfield.plotting.style import save
 
     paths: list[Path] = []
     for name, figure in result.figures().items():

@@ -211,7 +211,8 @@ def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
 def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:
     """Draw tracks, with truth and errors if truth is known."""
     from trackfield.metrics.error import match
-    from trackfield.plotting import Errors, plot_tracks, save
+    from trackfield.plotting.style import save
+    from trackfield.plotting.tagged import Errors, plot_tracks
     from trackfield.types import concatenate_tracks
 
     tracks = concatenate_tracks(chunks)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from trackfield.experiments.wang_roads import EKF, IEKF, LIVE, MLE, PAPER, SAFE, Outcome
 from trackfield.experiments.wang_tables import BAD_START, ROADS, TESTBED
-from trackfield.plotting import GREY, PALETTE
+from trackfield.plotting.style import GREY, PALETTE
 from trackfield.types import Vector
 
 SMOOTH_STEPS = 10  # of errors over time, so that lines can be told apart
