@@ -21,9 +21,9 @@ def test_a_sound_site_is_said_to_be_sound_and_which_defaults_apply(call, run):
     done = call("check", site)
     assert (done.code, done.err) == (0, "")
     lines = {line.split()[0]: line.split()[1:] for line in done.out.splitlines() if line.split()}
-    assert lines["models.uwb.max_range_m"] == ["40", "set"]
+    assert lines["models.uwb.max_range_m"] == ["40", "given"]
     assert lines["models.uwb.sigma_m"][-1] == "default"
-    assert lines["target.max_speed_m_s"] == ["3", "set"]
+    assert lines["target.max_speed_m_s"] == ["3", "given"]
     assert lines["tracker.self_calibration"] == ["true", "default"]
     assert lines["found"] == ["no", "problem"]
 

@@ -10,7 +10,8 @@ import pytest
 
 import trackfield
 from pages import DOCS, ROOT
-from trackfield.io import measurements, tracks, truth
+from trackfield.io import measurements, reports, tracks, truth
+from trackfield.network.kinds import KINDS
 from trackfield.network.site_schema import SENSOR, site_schema
 
 SOURCE = ROOT / "src"
@@ -56,20 +57,27 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Site": "[site]",
     "Origin": "[site.origin]",
     "Sensor": "[[sensors]]",
-    "RangeModel": "[models.NAME]",
+    "RangeModel": "[models.NAME], kind = range",
+    "SignalModel": "[models.NAME], kind = signal",
+    "DetectionModel": "[models.NAME], kind = detection",
     "Group": "[[groups]]",
     "Target": "[target]",
     "Tracker": "[tracker]",
+    "Reports": "[reports]",
+    "Network": "[network]",
 }
-PARTS_OF_MODELS = {"RangeParameters", "RangeTarget"}  # documented by the keys of the model itself
+# Documented by the keys of the model itself.
+PARTS_OF_MODELS = {f"{kind.capitalize()}Parameters": f"{kind.capitalize()}Model" for kind in KINDS}
+PARTS_OF_MODELS |= {
+    f"{k.capitalize()}Target": f"{k.capitalize()}Model" for k in KINDS if KINDS[k].tagged
+}
 
 
 def test_every_table_of_the_site_is_documented() -> None:
     schema = site_schema()
     assert {*schema["$defs"]} == {*SECTIONS, *PARTS_OF_MODELS}
-    model = {*schema["$defs"]["RangeModel"]["properties"]}
-    for part in PARTS_OF_MODELS:
-        assert {*schema["$defs"][part]["properties"]} <= model
+    for part, model in PARTS_OF_MODELS.items():
+        assert {*schema["$defs"][part]["properties"]} <= {*schema["$defs"][model]["properties"]}
     page = (REFERENCE / "site.md").read_text(encoding="utf-8")
     assert all(re.search(rf"`\[?\[?{key}\b", page) for key in schema["properties"])
 
@@ -91,6 +99,6 @@ def test_every_key_of_the_site_is_documented_with_its_default(table: str) -> Non
 def test_every_column_of_a_file_is_documented() -> None:
     documented = {cells[0] for cells in rows((REFERENCE / "files.md").read_text(encoding="utf-8"))}
     columns = {*SENSOR.model_fields}
-    for module in (measurements, truth, tracks):
+    for module in (measurements, reports, truth, tracks):
         columns |= {*module.SCHEMA.required, *module.SCHEMA.optional}
     assert columns <= documented

@@ -39,7 +39,10 @@ ROW_FAULTS = {
     "0,A0,range,1,inf,": "line 3: sigma: found 'inf', expected a number above 0 or nothing",
     "0,A0,range,1,big,": "line 3: sigma: found 'big', expected a number above 0 or nothing",
     "0,A0,rang,1,,": "line 3: kind: found 'rang', expected a kind of reading; "
-    "nearest valid one: range; valid ones: range",
+    "nearest valid one: range; valid ones: range, signal, detection",
+    "0,A0,detection,0.5,,": "line 3: value: found '0.5', expected 0 or 1",
+    "0,A0,detection,-1,,": "line 3: value: found '-1', expected 0 or 1",
+    "0,A0,signal,inf,,": "line 3: value: found 'inf', expected a finite number",
     "0,A0,,1,,": "line 3: kind: found nothing, expected a name",
     "0,,range,1,,": "line 3: sensor_id: found nothing, expected a name",
     "0,A9,range,1,,": "line 3: sensor_id: found 'A9', expected a sensor of the site; "

@@ -10,11 +10,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackfield.errors import ConfigurationError, InputError
-from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
+from trackfield.network.channel import Channel
+from trackfield.network.kinds import KINDS
+from trackfield.network.site import (
+    Group,
+    Origin,
+    ReportSettings,
+    Site,
+    Target,
+    TrackerSettings,
+    range_models,
+)
 from trackfield.network.site_file import load_site, site_from_toml
-from trackfield.network.site_schema import RANGE_PARAMETERS, site_schema
+from trackfield.network.site_schema import MODELS, site_schema
 from trackfield.network.site_writer import relative_path, site_text, write_site
+from trackfield.raster import Region
+from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
+from trackfield.sensing.signal import SignalModel
 
 SENSORS = """
 [[sensors]]
@@ -142,8 +155,14 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
         ("site = 3", ["site: found 3, expected a table"]),
         ("models = 3", ["models: found 3, expected a table"]),
         ("groups = 3", ["groups: found 3, expected a list"]),
-        ("[models.m]\nbias_m = 1", ["models.m.kind: found nothing, expected 'range'"]),
-        ("[models.m]\nkind = 'rssi'", ["models.m.kind: found 'rssi', expected 'range'"]),
+        (
+            "[models.m]\nbias_m = 1",
+            ["models.m.kind: found nothing, expected 'range', 'signal' or 'detection'"],
+        ),
+        (
+            "[models.m]\nkind = 'rssi'",
+            ["models.m.kind: found 'rssi', expected 'range', 'signal' or 'detection'"],
+        ),
         (
             "[models.m]\nkind = 'range'\nbias = 1",
             ["models.m.bias: found an unknown key; nearest valid one: bias_m"],
@@ -192,6 +211,64 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
             "[[groups]]\nid = 'g'\nx_m = 0\ny_m = 0\n" * 2,
             ["groups[2].id: found 'g' a second time"],
         ),
+        ("[models.m]\nkind = 3", ["models.m.kind: found 3, expected 'range', 'signal' or"]),
+        ("[models]\nm = 3", ["models.m: found 3, expected a table"]),
+        (
+            "[models.m]\nkind = 'signal'\nbias_m = 1",
+            ["models.m.bias_m: found an unknown key;", "valid ones: kind, amplitude, falloff"],
+        ),
+        ("[models.m]\nkind = 'signal'\nsigma = 0", ["models.m.sigma: found 0, expected a number"]),
+        (
+            "[models.m]\nkind = 'signal'\n[models.m.sensors.B]\nexponent = 0",
+            ["models.m.sensors.B.exponent: found 0, expected a number above 0"],
+        ),
+        (
+            "[models.m]\nkind = 'signal'\n[models.m.targets.t]\nsigma = 1",
+            ["models.m.targets: found an unknown key"],
+        ),
+        (
+            "[models.m]\nkind = 'detection'\np_detection = 1.5",
+            ["models.m.p_detection: found 1.5, expected a probability above 0, up to 1"],
+        ),
+        (
+            "[models.m]\nkind = 'detection'\np_false = 0.7",
+            ["models.m: found p_false = 0.7 and p_detection = 0.7 for 'A', expected less false"],
+        ),
+        (
+            "[models.m]\nkind = 'detection'\nwidth_deg = 0",
+            ["models.m.width_deg: found 0, expected degrees above 0, up to 360"],
+        ),
+        (
+            "[models.m]\nkind = 'detection'\npolygon = [[0, 0], [1, 'a'], [1]]",
+            ["models.m.polygon: found a list, expected at least three corners [x, y] in metres"],
+        ),
+        (
+            "[models.m]\nkind = 'detection'\npolygon = [[0, 0], [1, 0]]",
+            ["models.m: polygon: found 2 corners for 'A', expected 3 or more"],
+        ),
+        (
+            "[reports]\nsigma = 1",
+            ["reports.sigma: found an unknown key; nearest valid one: sigma_m"],
+        ),
+        ("[reports]\nsigma_m = 0", ["reports.sigma_m: found 0, expected a number above 0"]),
+        ("[reports]\np_detection = 0", ["reports.p_detection: found 0, expected a probability"]),
+        ("[reports]\nstep_s = 0", ["reports.step_s: found 0, expected a number above 0"]),
+        (
+            "[reports]\nregion = [0, 0, 1]",
+            ["reports.region: found a list, expected [x_min, y_min, x_max, y_max] in metres"],
+        ),
+        ("[reports]\nregion = 3", ["reports.region: found 3, expected a list"]),
+        (
+            "[reports]\nregion = [0, 5, 9, 5]",
+            ["reports.region: found [0.0, 5.0, 9.0, 5.0], expected [x_min, y_min,", "min below"],
+        ),
+        ("[network]\np_loss = 1.1", ["network.p_loss: found 1.1, expected a probability from 0"]),
+        ("[network]\np_delay = 1.5", ["network.p_delay: found 1.5, expected a probability from 0"]),
+        ("[network]\nhop_m = nan", ["network.hop_m: found nan, expected a number above 0"]),
+        ("[tracker]\nmethod = 'jpda'", ["tracker.method: found 'jpda', expected 'bernoulli', 'ji"]),
+        ("[tracker]\nwindow_steps = 0", ["window_steps: found 0, expected a whole number from 1"]),
+        ("[tracker]\nwindow_steps = 1.5", ["window_steps: found 1.5, expected a whole number"]),
+        ("[target]\nlifetime_s = 0", ["target.lifetime_s: found 0, expected a number above 0"]),
         ("sensors_file = 's.csv'", ["found both [[sensors]] and sensors_file"]),
     ],
 )
@@ -200,6 +277,52 @@ def test_a_fault_is_told_with_its_key_what_was_found_and_what_was_expected(text,
     assert problem.startswith("site.toml: ")
     for part in expected:
         assert part in problem
+
+
+def test_kinds_of_sensors_stand_side_by_side():
+    site = site_from_toml(
+        """
+        [models.acoustic]
+        kind = "signal"
+        amplitude = 100
+        [models.acoustic.sensors.A]
+        sigma_gain = 0.2
+        [models.pir]
+        kind = "detection"
+        radius_m = 5
+        polygon = [[0, 0], [2, 0], [2, 1]]
+        [models.uwb]
+        kind = "range"
+        """
+        + SENSORS.replace('"A"', '"A"\nmodel = "acoustic"')
+        .replace('"B"', '"B"\nmodel = "pir"')
+        .replace('"C"', '"C"\nmodel = "uwb"'),
+        Path(),
+    )
+    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0))
+    assert site.models == (
+        SignalModel(amplitude=100.0, sigma_gain=0.2),
+        DetectionModel(radius_m=5.0, polygon=corners),
+        UNCALIBRATED,
+    )
+    with pytest.raises(ConfigurationError, match="found sensor 'A' of kind 'signal', expected 'ra"):
+        range_models(site)
+    assert_same(site_from_toml(site_text(site, Path()), Path(), "site.toml"), site)
+
+
+def test_reports_need_no_sensors_but_say_so():
+    (problem,) = problems("[target]\nmotion = 'cv'")
+    assert problem == (
+        "site.toml: found no sensors, expected [[sensors]], sensors_file = 'FILE.csv', "
+        "or [reports] for data that are positions"
+    )
+    site = site_from_toml("[reports]\nregion = [0, 0, 30, 20]\nstep_s = 0.5\n[network]", Path())
+    assert site.positions.shape == (0, 3)
+    assert site.reports == ReportSettings(region=Region(0.0, 0.0, 30.0, 20.0), step_s=0.5)
+    assert site.network == Channel()
+    assert site_from_toml("reports = {}", Path()).network is None
+    (problem,) = problems("reports = 3")
+    assert problem == "site.toml: reports: found 3, expected a table"
 
 
 @pytest.mark.parametrize(
@@ -370,13 +493,16 @@ def test_the_schema_names_every_parameter_of_the_model_and_is_json():
     assert set(schema["properties"]) >= {"site", "sensors", "models", "target", "tracker"}
 
 
-def test_defaults_of_the_file_are_those_of_the_dataclass():
-    assert RangeModel(**RANGE_PARAMETERS().model_dump()) == UNCALIBRATED
+@pytest.mark.parametrize("name", KINDS)
+def test_defaults_of_the_file_are_those_of_the_dataclass(name):
+    told = MODELS[name](kind=name).model_dump(exclude={"kind", "sensors", "targets"})
+    plain = {key: tuple(v) if isinstance(v, list) else v for key, v in told.items()}
+    assert KINDS[name].parameters(**plain) == KINDS[name].usual
 
 
 numbers = st.floats(-1e6, 1e6)
 positive = st.floats(1e-9, 1e6)
-range_models = st.builds(
+of_ranges = st.builds(
     RangeModel,
     bias_m=numbers,
     scale=st.floats(-0.499, 0.499),
@@ -392,14 +518,36 @@ targets = st.builds(
 origins = st.none() | st.builds(Origin, lat=st.floats(-90, 90), lon=st.floats(-180, 180))
 
 
+shares = st.floats(0.01, 0.99)
+reports = st.builds(
+    ReportSettings,
+    sigma_m=st.none() | positive,
+    region=st.none() | st.just(Region(-1.5, 0.0, 20.0, 1e3)),
+    step_s=st.none() | positive,
+)
+networks = st.none() | st.builds(Channel, hop_m=st.just(math.inf) | positive, p_loss=shares)
+corners = st.just(()) | st.lists(st.tuples(numbers, numbers), min_size=3, max_size=4).map(tuple)
+
+
+def of_signals(draw, n):
+    one = st.builds(SignalModel, amplitude=positive, sigma=positive, sigma_gain=shares)
+    return tuple(draw(st.lists(one, min_size=n, max_size=n)))
+
+
+def of_detections(draw, n):
+    one = st.builds(DetectionModel, radius_m=positive, p_false=st.just(0.001), polygon=corners)
+    return tuple(draw(st.lists(one, min_size=n, max_size=n)))
+
+
 @st.composite
 def sites(draw):
     ids = draw(st.lists(names, min_size=1, max_size=5, unique=True))
     n = len(ids)
     xy = draw(st.lists(st.tuples(numbers, numbers), min_size=n, max_size=n, unique_by=_cell))
     z = draw(st.just(math.nan) | numbers)
-    kinds = draw(st.lists(st.sampled_from(["uwb", "far"]), min_size=n, max_size=n))
-    models = tuple(draw(st.lists(range_models, min_size=n, max_size=n)))
+    named = draw(st.lists(st.sampled_from(["uwb", "far"]), min_size=n, max_size=n))
+    models = tuple(draw(st.lists(of_ranges, min_size=n, max_size=n)))
+    models = draw(st.sampled_from([models, of_signals(draw, n), of_detections(draw, n)]))
     return Site(
         name=draw(names),
         sensor_ids=tuple(ids),
@@ -408,11 +556,15 @@ def sites(draw):
         target=draw(targets),
         origin=draw(origins),
         groups=draw(st.sampled_from([(), (Group("g", 1.0, 2.0),)])),
-        model_names=tuple(kinds),
+        model_names=tuple(named),
         sensor_groups=(None,) * n,
         target_models=draw(
-            st.dictionaries(names, st.tuples(*[range_models] * n) | st.just(models), max_size=2)
-        ),
+            st.dictionaries(names, st.tuples(*[of_ranges] * n) | st.just(models), max_size=2)
+        )
+        if isinstance(models[0], RangeModel)
+        else {},
+        reports=draw(reports),
+        network=draw(networks),
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
-from trackfield.network.site import Site
+from trackfield.network.site import Site, range_models
 from trackfield.types import (
     Indices,
     Readings,
@@ -100,7 +100,7 @@ class Tracker:
         self._bank = create(site, self._output)
         self._sensors = {name: i for i, name in enumerate(site.sensor_ids)}
         self._variants = {name: i + 1 for i, name in enumerate(site.target_models)}
-        columns = [site.models, *site.target_models.values()]
+        columns = [range_models(site), *(range_models(site, one) for one in site.target_models)]
         self._offsets = np.array([[m.clock_offset_s for m in models] for models in columns])
         self._targets: dict[str, int] = {}
         self._streams: dict[str, tuple[int, float]] = {}  # what `step` needs of each target

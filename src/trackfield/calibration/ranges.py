@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.errors import InputError
-from trackfield.network.site import Site
+from trackfield.network.site import Site, range_models
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.range_residuals import (
     Fit,
@@ -179,11 +179,11 @@ def _learn(
             scale=fit.scale,
             sigma_m=float(fit.sigmas[a] * white),
             correlated_sigma_m=float(fit.sigmas[a] * white * ratio),
-            max_range_m=site.models[a].max_range_m,
+            max_range_m=known.max_range_m,
             # A sensor that was not heard is only guessed at.
             bias_sigma_m=0.0 if heard[a] else float(fit.bias_error[a]),
         )
-        for a in range(len(site.sensor_ids))
+        for a, known in enumerate(range_models(site))
     )
     if method != "robust":
         models = _paper_models(site, r, z, method)
@@ -218,7 +218,7 @@ def _paper_models(
         np.array([float(e.size) for e in excess]),
     )
     learned = model(noise_statistics(tests, method=method))
-    return tuple(replace(learned, max_range_m=m.max_range_m) for m in site.models)
+    return tuple(replace(learned, max_range_m=m.max_range_m) for m in range_models(site))
 
 
 def _rows(

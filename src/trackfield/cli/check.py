@@ -47,9 +47,7 @@ def check(
     if as_json:
         emit(result)
     else:
-        rows = [
-            (key, one.text, "default" if one.default else "set") for key, one in applied.items()
-        ]
+        rows = [(key, one.text, one.source) for key, one in applied.items()]
         _show(site, result, rows)
     if problems:
         raise typer.Exit(1)

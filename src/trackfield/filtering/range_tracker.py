@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield._core._kernels import RangeBank
-from trackfield.network.site import Site, Target
+from trackfield.network.site import Site, Target, range_models
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix
 
@@ -96,7 +96,7 @@ def height_prior(site: Site) -> tuple[float, float]:
 
 def create(site: Site, output: Output, robustness: Robustness | None = Robustness()) -> RangeBank:  # noqa: B008 - an immutable value
     """Tracker of any number of targets with the site's models; None: Gaussian noise, not robust."""
-    every = [site.models, *site.target_models.values()]
+    every = [range_models(site), *(range_models(site, target) for target in site.target_models)]
     models = [model for column in every for model in column]
     height, height_sigma = height_prior(site)
     open_calibration = site.tracker.self_calibration
@@ -143,7 +143,7 @@ def create(site: Site, output: Output, robustness: Robustness | None = Robustnes
         "restart_window": 12,
         "modes": [mode._asdict() for mode in modes(site.target)],
     }
-    bank = RangeBank(settings, _columns(site.positions, site.models, height))
+    bank = RangeBank(settings, _columns(site.positions, every[0], height))
     for column in every[1:]:
         bank.add_variant(_columns(site.positions, column, height))
     return bank

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,10 @@ from trackfield.io.tables import (
     refuse_empty,
 )
 from trackfield.io.writing import write_table
+from trackfield.network.kinds import KINDS
 from trackfield.types import Readings
 
 SCHEMA = Schema(("t_s", "sensor_id", "kind", "value"), ("sigma", "target_id", "arrival_s"))
-LEAST: Mapping[str, float] = {"range": 0.0}  # kinds of readings, and the least value of each
-
 _SIGMA = Rule("a number above 0 or nothing", required=False, least=0.0, above=True)
 
 
@@ -93,10 +92,11 @@ def _readings(
         sensor = checks.one_of("sensor_id", sensors, what="a sensor of the site")
     else:
         sensor = checks.names("sensor_id", sensors)
-    kind = checks.one_of("kind", LEAST, what="a kind of reading")
+    kind = checks.one_of("kind", KINDS, what="a kind of reading")
     value = checks.numbers("value")
-    for place, (name, least) in enumerate(LEAST.items()):
-        checks.refuse((kind == place) & (value < least), "value", f"a {name} of {least:g} or more")
+    for place, (_, _, (expected, least, binary), *_) in enumerate(KINDS.values()):
+        wrong = (value != 0.0) & (value != 1.0) if binary else value < least
+        checks.refuse((kind == place) & wrong, "value", expected)
     sigma = checks.numbers("sigma", _SIGMA)
     target = checks.names("target_id", targets, required=False)
     arrival_s = checks.numbers("arrival_s", OPTIONAL_NUMBER)
@@ -111,7 +111,7 @@ def _readings(
         arrival_s=arrival_s,
         sensor_ids=tuple(sensors),
         target_ids=tuple(targets),
-        kinds=tuple(LEAST),
+        kinds=tuple(KINDS),
     )
 
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.errors import InputError
-from trackfield.io.measurements import LEAST, write_readings
+from trackfield.io.measurements import write_readings
 from trackfield.io.output import replacing, saying
 from trackfield.io.truth import write_truth
+from trackfield.network.kinds import KINDS
 from trackfield.network.site import Site
 from trackfield.sensing.range import UNCALIBRATED
 from trackfield.types import Readings, Truth
@@ -74,7 +75,7 @@ def recorded(name: str) -> Recording:
         arrival_s=np.full(count, np.nan),
         sensor_ids=sensor_ids,
         target_ids=(TARGET,),
-        kinds=tuple(LEAST),
+        kinds=tuple(KINDS),
     )
     site = Site(
         name=name,

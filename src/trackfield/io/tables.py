@@ -180,6 +180,6 @@ def _meant(column: str, known: Sequence[str]) -> str:
 
 def _nearest(name: str, known: Iterable[str]) -> str:
     # Imported for a message only: the schema of sites comes with pydantic.
-    from trackfield.network.site_schema import nearest
+    from trackfield.network.faults import nearest
 
     return nearest(name.strip(), known)

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from trackfield.network.site_schema import SENSOR, find_faults, nearest, path_text
+from trackfield.network.faults import find_faults, nearest, path_text
+from trackfield.network.site_schema import SENSOR
 
 _NUMBERS = ("x_m", "y_m", "z_m")
 _SAME_PLACE_M = 1e-6  # sensors nearer than this are one sensor listed twice

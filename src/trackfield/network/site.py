@@ -7,10 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from trackfield.errors import ConfigurationError
+from trackfield.network.channel import Channel
+from trackfield.network.kinds import SensorModel, kind_of
+from trackfield.raster import Region
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix
 
 MotionName = Literal["imm", "cv"]
+MethodName = Literal["bernoulli", "jipda", "mcmcda", "gnn", "nearest"]
 Dimensions = Literal[2, 3]
 
 
@@ -35,28 +40,52 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What is known of every target before it is seen."""
+    """What is known of every target before it is seen.
+
+    How many there are, and for how long, matters only where readings name no target.
+    """
 
     motion: MotionName = "imm"
-    accel_sigma_m_s2: float | None = None  # None: the default tracker's own modes
+    accel_sigma_m_s2: float | None = None  # None: the default of the tracker
     dimensions: Dimensions = 2
     height_m: float | None = None  # known height of targets in a 2-D site with 3-D sensors
     max_speed_m_s: float = 15.0
+    velocity_sigma_m_s: float = 1.0  # of a target that appears, per axis
+    lifetime_s: float = 50.0  # mean
+    births_per_s: float = 0.1  # in the whole region
+    initial_count: float = 1.0  # expected number of targets when the run begins
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """How the tracker treats time and silence."""
+    """How the tracker treats time and silence.
+
+    `method` and `window_steps` are for targets without identities, the others for tagged ones.
+    """
 
     window_s: float = 1.0  # how late a reading may come and still count
     drop_s: float = 300.0  # a track without readings for this long ends
     self_calibration: bool = True
+    method: MethodName = "bernoulli"  # how reports are given to targets
+    window_steps: int = 10  # how late a report may come and still count
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSettings:
+    """How reports come about, positions that name no target; None is learned or derived."""
+
+    sigma_m: float | None = None  # of a report that brings no sigma of its own, per axis
+    p_detection: float | None = None  # that a target is reported in a step
+    false_per_scan: float | None = None  # expected false reports a step, in the whole region
+    region: Region | None = None  # what is watched
+    step_s: float | None = None  # between scans
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
     """A field of sensors: names, positions (n, 3) [m] (z NaN: the plane of the targets), models.
 
+    There may be no sensors where data are reports. `network` is None where messages simply arrive.
     `models` has one entry a sensor. `model_names` and `sensor_groups` say, sensor by sensor, which
     model and group it names in the site's file (empty: all the default model, no group);
     `sensors_file` is where the positions came from, None if they stood in the site's own file.
@@ -67,7 +96,7 @@ class Site:
     name: str
     sensor_ids: tuple[str, ...]
     positions: Matrix
-    models: tuple[RangeModel, ...]
+    models: tuple[SensorModel, ...]
     target: Target = field(default_factory=Target)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     origin: Origin | None = None
@@ -75,6 +104,29 @@ class Site:
     model_names: tuple[str, ...] = ()
     sensor_groups: tuple[str | None, ...] = ()
     sensors_file: Path | None = None
-    target_models: Mapping[str, tuple[RangeModel, ...]] = field(
-        default_factory=dict[str, tuple[RangeModel, ...]]
+    target_models: Mapping[str, tuple[SensorModel, ...]] = field(
+        default_factory=dict[str, tuple[SensorModel, ...]]
     )
+    reports: ReportSettings = field(default_factory=ReportSettings)
+    network: Channel | None = None
+
+
+def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:
+    """Models of the sensors for any target, or for one, where all of them measure ranges.
+
+    `ConfigurationError` names the first sensor that does not.
+    """
+    models = site.models if target_id is None else site.target_models.get(target_id, site.models)
+    ranges = tuple(model for model in models if isinstance(model, RangeModel))
+    if len(ranges) < len(models):
+        place, other = next(
+            (i, model) for i, model in enumerate(models) if not isinstance(model, RangeModel)
+        )
+        raise ConfigurationError(
+            [
+                f"site {site.name}: found sensor {site.sensor_ids[place]!r} of kind "
+                f"{kind_of(other)!r}, expected 'range' of all: ranges are what tagged targets are "
+                "tracked and calibrated by"
+            ]
+        )
+    return ranges

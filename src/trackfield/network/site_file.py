@@ -13,6 +13,9 @@ from typing import Any, cast
 import numpy as np
 
 from trackfield.errors import ConfigurationError
+from trackfield.network.channel import Channel
+from trackfield.network.faults import find_faults, nearest, path_text
+from trackfield.network.kinds import KINDS, SensorModel
 from trackfield.network.sensors_file import (
     Sensor,
     read_text,
@@ -20,19 +23,22 @@ from trackfield.network.sensors_file import (
     sensors_from_csv,
     sensors_from_tables,
 )
-from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
-from trackfield.network.site_schema import SITE_FILE, find_faults, nearest, path_text
-from trackfield.sensing.range import UNCALIBRATED, RangeModel
+from trackfield.network.site import (
+    Group,
+    Origin,
+    ReportSettings,
+    Site,
+    Target,
+    TrackerSettings,
+)
+from trackfield.network.site_schema import SITE_FILE
+from trackfield.raster import Region
+from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import RangeModel
 
 DEFAULT_MODEL = "range"
 _Table = Mapping[str, Any]
 _TABLES = ("kind", "sensors", "targets")  # in a `[models.NAME]`, what is no parameter
-_DOUBTS = {
-    "bias_m": ("bias_sigma_m", "common_bias_sigma_m"),
-    "scale": ("scale_sigma",),
-    "sigma_m": ("correlated_sigma_m", "learn_noise"),
-    "sigma_scale": ("correlated_sigma_m", "learn_noise"),
-}
 
 
 def load_site(path: str | Path) -> Site:
@@ -56,7 +62,7 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
     listed, file = document.pop("sensors", None), _sensors_file(document)
     faults = find_faults(SITE_FILE, document)
     problems = [f"{name}: {path_text(path)}: {sentence}" for path, sentence in faults]
-    models = _names_of_models(document)
+    models, text_sections = _names_of_models(document), frozenset(document)
     faulty = {path[0] for path, _ in faults}
     # Sound sections are checked further even so, because all faults are told at once.
     sound = {key: value for key, value in document.items() if key not in faulty}
@@ -65,8 +71,13 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
     sensors_file = folder / file if file is not None else None
     sensors, found = _sensors(listed, sensors_file, name)
     problems += [*found, *repeated_sensors(sensors)]
-    if not (sensors or found or faulty & {"site", "sensors_file"}):
-        expected = "a line a sensor" if sensors_file else "[[sensors]] or sensors_file = 'FILE.csv'"
+    needless = "reports" in text_sections or bool(faulty & {"site", "sensors_file"})
+    if not (sensors or found or (needless and sensors_file is None)):
+        expected = (
+            "a line a sensor"
+            if sensors_file
+            else "[[sensors]], sensors_file = 'FILE.csv', or [reports] for data that are positions"
+        )
         problems.append(f"{sensors_file or name}: found no sensors, expected {expected}")
     if listed is not None and file is not None:
         problems.append(f"{name}: found both [[sensors]] and sensors_file, expected one of them")
@@ -76,6 +87,7 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
     if "groups" not in faulty:
         problems += _group_problems(sensors, document.get("groups", []), name)
     problems += _target_problems(sensors, document.get("target", {}), name)
+    problems += _region_problems(document.get("reports", {}), name)
     if problems:
         raise ConfigurationError(problems)
     return _site(document, sensors, sensors_file, Path(name).stem)
@@ -140,13 +152,29 @@ def _own_problems(sensors: list[Sensor], models: _Table, name: str) -> Iterator[
         for sensor_id, target in product(
             [s for s, m in model_of.items() if m == model], (None, *targets)
         ):
-            parameters = believed(_given(table, sensor_id, target))
-            if parameters.sigma_m == 0 == parameters.sigma_scale:
-                yield (
-                    f"{where}: found sigma_m = 0 and sigma_scale = 0 for {sensor_id!r}, "
-                    "expected one of them above 0: no range is exact"
-                )
+            doubt = _doubt(believed(table["kind"], _given(table, sensor_id, target)), sensor_id)
+            if doubt is not None:
+                yield f"{where}: {doubt}"
                 break
+
+
+def _doubt(model: SensorModel, sensor_id: str) -> str | None:
+    """Say why no sensor can have these parameters together; None if one can."""
+    match model:
+        case RangeModel(sigma_m=0, sigma_scale=0):
+            return (
+                f"found sigma_m = 0 and sigma_scale = 0 for {sensor_id!r}, "
+                "expected one of them above 0: no range is exact"
+            )
+        case DetectionModel(p_detection=p, p_false=q) if q >= p:
+            return (
+                f"found p_false = {q:g} and p_detection = {p:g} for {sensor_id!r}, expected less "
+                "false than true ones: else a detection says nothing"
+            )
+        case DetectionModel(polygon=corners) if 0 < len(corners) < 3:
+            return f"polygon: found {len(corners)} corners for {sensor_id!r}, expected 3 or more"
+        case _:
+            return None
 
 
 def _group_problems(sensors: list[Sensor], groups: list[_Table], name: str) -> Iterator[str]:
@@ -174,15 +202,32 @@ def _target_problems(sensors: list[Sensor], target: _Table, name: str) -> Iterat
         yield f"{name}: target.height_m: found {target['height_m']}, expected sensors with z_m"
 
 
-def believed(given: _Table) -> RangeModel:
+def _region_problems(reports: _Table, name: str) -> Iterator[str]:
+    region = reports.get("region")
+    if region is not None and not (region[0] < region[2] and region[1] < region[3]):
+        yield (
+            f"{name}: reports.region: found {region}, "
+            "expected [x_min, y_min, x_max, y_max] in metres, min below max"
+        )
+
+
+def believed(kind: str, given: _Table) -> SensorModel:
     """Make a model of the parameters that a person gave.
 
     What is told is believed: a bias, scale or noise that is given has no doubt but what is given
-    with it. What is not told is as in `UNCALIBRATED`, doubted and learned on line.
+    with it. What is not told is as usual for the kind: of ranges doubted, and learned on line.
     """
-    doubts = [doubt for key, of_key in _DOUBTS.items() if key in given for doubt in of_key]
-    exact = {doubt: getattr(RangeModel(), doubt) for doubt in doubts}
-    return replace(UNCALIBRATED, **{**exact, **given})
+    parameters, usual, _, doubts, _ = KINDS[kind]
+    settled = [doubt for key, of_key in doubts.items() if key in given for doubt in of_key]
+    exact = {doubt: getattr(parameters(), doubt) for doubt in settled}
+    return replace(usual, **{key: _fixed(value) for key, value in {**exact, **given}.items()})
+
+
+def _fixed(value: Any) -> Any:  # noqa: ANN401 - of any key
+    """Make tuples of lists."""
+    if not isinstance(value, list):
+        return value
+    return tuple(_fixed(one) for one in cast("list[Any]", value))
 
 
 def _given(model: _Table, sensor_id: str, target: str | None) -> dict[str, Any]:
@@ -199,21 +244,24 @@ def _given(model: _Table, sensor_id: str, target: str | None) -> dict[str, Any]:
 
 
 def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str) -> Site:
-    models: _Table = document.get("models") or {DEFAULT_MODEL: {}}
+    models: _Table = document.get("models") or {DEFAULT_MODEL: {"kind": DEFAULT_MODEL}}
     names = [sensor.model or next(iter(models)) for sensor in sensors]
 
-    def of(target: str | None) -> tuple[RangeModel, ...]:
+    def of(target: str | None) -> tuple[SensorModel, ...]:
         return tuple(
-            believed(_given(models[name], sensor.sensor_id, target))
+            believed(models[name]["kind"], _given(models[name], sensor.sensor_id, target))
             for name, sensor in zip(names, sensors, strict=True)
         )
 
     targets = {t: None for model in models.values() for t in model.get("targets", {})}
     site: _Table = document.get("site", {})
+    reports = {key: _fixed(value) for key, value in document.get("reports", {}).items()}
+    if "region" in reports:
+        reports["region"] = Region(*reports["region"])
     return Site(
         name=site.get("name", stem),
         sensor_ids=tuple(sensor.sensor_id for sensor in sensors),
-        positions=np.array([sensor.position for sensor in sensors]),
+        positions=np.array([sensor.position for sensor in sensors]).reshape(-1, 3),
         models=of(None),
         target=Target(**document.get("target", {})),
         tracker=TrackerSettings(**document.get("tracker", {})),
@@ -223,4 +271,6 @@ def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str)
         sensor_groups=tuple(sensor.group for sensor in sensors),
         sensors_file=file,
         target_models={target: of(target) for target in targets},
+        reports=ReportSettings(**reports),
+        network=Channel(**document["network"]) if "network" in document else None,
     )

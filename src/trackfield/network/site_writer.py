@@ -12,13 +12,21 @@ import numpy as np
 import tomli_w
 
 from trackfield.errors import InputError
+from trackfield.network.channel import Channel
+from trackfield.network.defaults import names_of_models
+from trackfield.network.kinds import KINDS, SensorModel, kind_of
 from trackfield.network.sensors_file import read_text, sensors_from_csv
-from trackfield.network.site import Group, Origin, Site, Target, TrackerSettings
-from trackfield.network.site_file import DEFAULT_MODEL
-from trackfield.sensing.range import UNCALIBRATED, RangeModel
+from trackfield.network.site import (
+    Group,
+    Origin,
+    ReportSettings,
+    Site,
+    Target,
+    TrackerSettings,
+)
 
 _Table = dict[str, Any]
-_Value = float | bool | None
+_Value = float | bool | tuple[Any, ...] | None
 _Parameters = dict[str, _Value]
 
 
@@ -57,8 +65,13 @@ def site_text(site: Site, folder: Path) -> str:
     document["models"] = _models(site, known)
     document["target"] = _given(asdict(site.target), Target)
     document["tracker"] = _given(asdict(site.tracker), TrackerSettings)
+    document["reports"] = _given(asdict(site.reports), ReportSettings)
+    if site.network is not None:
+        document["network"] = _given(asdict(site.network), Channel)
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
-    return tomli_w.dumps({key: value for key, value in document.items() if value})
+    # An empty [reports] says that no sensors are needed, an empty [network] that there is one.
+    said = {"network"} if site.sensor_ids else {"network", "reports"}
+    return tomli_w.dumps({k: v for k, v in document.items() if v or k in said})
 
 
 def sensors_file_for(file: Path, folder: Path) -> Path:
@@ -88,7 +101,7 @@ def _given(values: _Table, cls: type) -> _Table:
 
 
 def _sensors(site: Site) -> list[_Table]:
-    names, groups = _model_names(site), site.sensor_groups or (None,) * len(site.sensor_ids)
+    names, groups = names_of_models(site), site.sensor_groups or (None,) * len(site.sensor_ids)
     several = len(set(names)) > 1
     tables: list[_Table] = []
     for sensor_id, position, name, group in zip(
@@ -103,10 +116,6 @@ def _sensors(site: Site) -> list[_Table]:
     return tables
 
 
-def _model_names(site: Site) -> tuple[str, ...]:
-    return site.model_names or (DEFAULT_MODEL,) * len(site.sensor_ids)
-
-
 def _models(site: Site, known: frozenset[str]) -> _Table:
     """`[models.NAME]` with what most of its sensors share; what differs stands with the sensor.
 
@@ -114,7 +123,7 @@ def _models(site: Site, known: frozenset[str]) -> _Table:
     have no say of their own.
     """
     members: dict[str, list[int]] = {}
-    for i, name in enumerate(_model_names(site)):
+    for i, name in enumerate(names_of_models(site)):
         members.setdefault(name, []).append(i)
     tables: _Table = {}
     for name, places in members.items():
@@ -122,16 +131,18 @@ def _models(site: Site, known: frozenset[str]) -> _Table:
         values = [_parameters(site.models[i]) for i in places]
         common = {key: _typical([given[key] for given in values]) for key in values[0]}
         table = _shared(ids, [common] * len(ids), values, known=known)
-        table["targets"] = {
-            target: _shared(ids, values, [_parameters(models[i]) for i in places], known=known)
-            for target, models in site.target_models.items()
-        }
+        kind = kind_of(site.models[places[0]])
+        if KINDS[kind].tagged:
+            table["targets"] = {
+                target: _shared(ids, values, [_parameters(models[i]) for i in places], known=known)
+                for target, models in site.target_models.items()
+            }
         # What is off by default and off here need not be said.
-        usual = _parameters(UNCALIBRATED)
+        usual = _parameters(KINDS[kind].usual)
         common = {
-            k: v for k, v in common.items() if v is not None and not v == usual[k] == math.inf
+            k: v for k, v in common.items() if v is not None and not v == usual[k] in (math.inf, ())
         }
-        tables[name] = {"kind": "range", **common, **{k: v for k, v in table.items() if v}}
+        tables[name] = {"kind": kind, **common, **{k: v for k, v in table.items() if v}}
     return tables
 
 
@@ -154,7 +165,7 @@ def _shared(
     return {**shared, **({"sensors": sensors} if sensors else {})}
 
 
-def _parameters(model: RangeModel) -> _Parameters:
+def _parameters(model: SensorModel) -> _Parameters:
     """Parameters as plain values of TOML."""
     return {
         key: value.item() if isinstance(value, np.generic) else value

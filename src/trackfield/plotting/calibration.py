@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from trackfield.calibration.ranges import Calibration
+from trackfield.network.site import range_models
 from trackfield.plotting.style import PALETTE, new_figure
 from trackfield.sensing.range import RangeColumns, columns, expected, variance
 from trackfield.types import Indices, Vector
@@ -132,7 +133,7 @@ def _points(calibration: Calibration, target_ids: Sequence[str]) -> _Points:
     for target in np.unique(residuals.target):
         own = residuals.target == target
         name = target_ids[int(target)] if target_ids else ""
-        every = columns(site.target_models.get(name, site.models))
+        every = columns(range_models(site, name))
         models = RangeColumns(*(column[residuals.sensor[own]] for column in every))
         fitted[own] = expected(models, r[own]) - r[own]
         sigma[own] = np.sqrt(variance(models, r[own]))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.network.site import Site
+from trackfield.network.site import Site, range_models
 from trackfield.sensing import range as ranging
 from trackfield.sensing.range import Nlos
 from trackfield.simulation.roads import times
@@ -69,7 +69,7 @@ def wander(
     """
     states = paths(rng, site, world)
     anchors = np.where(np.isnan(site.positions), world.height_m, site.positions)
-    models = ranging.columns(site.models)
+    models = ranging.columns(range_models(site))
     parts: list[tuple[Indices, Indices, Indices, Vector]] = []
     for first in range(0, world.targets, TARGETS_AT_ONCE):
         some = states[first : first + TARGETS_AT_ONCE]

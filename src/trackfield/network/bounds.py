@@ -1,0 +1,70 @@
+"""What the values of a site's keys may be, and how to say it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Bound(NamedTuple):
+    """What a value must be, in the words of pydantic, and what to tell who wrote another one."""
+
+    limits: dict[str, float]
+    expected: str
+
+
+_POSITIVE = Bound({"gt": 0.0}, "a number above 0")
+_NOT_NEGATIVE = Bound({"ge": 0.0}, "a finite number, 0 or more")
+_PROBABILITY = Bound({"ge": 0.0, "le": 1.0}, "a probability from 0 to 1")
+_CHANCE = Bound({"gt": 0.0, "le": 1.0}, "a probability above 0, up to 1")
+_DOUBT = Bound({"ge": 0.0, "lt": 1.0}, "a probability from 0 to below 1")
+_BOUNDS = {
+    "scale": Bound(
+        {"gt": -0.5, "lt": 0.5},
+        "a number between -0.5 and 0.5: what is added to a factor of 1 "
+        "(a factor of 1.02 is written 0.02)",
+    ),
+    "lat": Bound({"ge": -90.0, "le": 90.0}, "degrees from -90 to 90"),
+    "lon": Bound({"ge": -180.0, "le": 360.0}, "degrees from -180 to 360"),
+    "heading_deg": Bound({"ge": -360.0, "le": 360.0}, "degrees from -360 to 360"),
+    "width_deg": Bound({"gt": 0.0, "le": 360.0}, "degrees above 0, up to 360"),
+    "polygon": Bound({}, "at least three corners [x, y] in metres"),
+    "region": Bound(
+        {"min_length": 4, "max_length": 4}, "[x_min, y_min, x_max, y_max] in metres, min below max"
+    ),
+    "amplitude": _POSITIVE,
+    "falloff": _POSITIVE,
+    "exponent": _POSITIVE,
+    "sigma": _POSITIVE,
+    "radius_m": _POSITIVE,
+    "edge_m": _NOT_NEGATIVE,
+    "p_detection": _CHANCE,
+    "p_false": _DOUBT,
+    "p_loss": _PROBABILITY,
+    "p_delay": _PROBABILITY,
+    "p_garbled": _PROBABILITY,
+    "hop_m": _POSITIVE,
+    "delay_step_s": _POSITIVE,
+    "reports.sigma_m": _POSITIVE,
+    "false_per_scan": _NOT_NEGATIVE,
+    "step_s": _POSITIVE,
+    "max_range_m": _POSITIVE,
+    "correlation_length_m": _POSITIVE,
+    "max_speed_m_s": _POSITIVE,
+    "accel_sigma_m_s2": _POSITIVE,
+    "velocity_sigma_m_s": _POSITIVE,
+    "lifetime_s": _POSITIVE,
+    "births_per_s": _POSITIVE,
+    "initial_count": _NOT_NEGATIVE,
+    "drop_s": _POSITIVE,
+    "window_s": _NOT_NEGATIVE,
+    "window_steps": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
+}
+
+
+def bound(section: str, key: str) -> Bound | None:
+    """Bound of a key: that of its section, that of its name, or that of any standard deviation."""
+    return (
+        _BOUNDS.get(f"{section}.{key}")
+        or _BOUNDS.get(key)
+        or (_NOT_NEGATIVE if "sigma" in key else None)
+    )

@@ -1,0 +1,63 @@
+"""The kinds of sensors: each one's parameters, what is believed untold, and what it may say.
+
+A kind that is added is a line in `KINDS` (and bounds of its keys in `bounds`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import UNCALIBRATED, RangeModel
+from trackfield.sensing.signal import SignalModel
+
+SensorModel = RangeModel | SignalModel | DetectionModel
+"""Parameters of one sensor, of any kind."""
+
+
+class Values(NamedTuple):
+    """What a reading of a kind may be: at least `least`; 0 or 1 only, if `binary`."""
+
+    expected: str
+    least: float = -math.inf
+    binary: bool = False
+
+
+class Kind(NamedTuple):
+    """A kind of sensor: its parameters, those believed where nothing is told, and its readings.
+
+    What a person tells of a parameter settles the doubts that `doubts` names for it. `tagged` kinds
+    name their target, so that a target may have parameters of its own.
+    """
+
+    parameters: type[SensorModel]
+    usual: SensorModel
+    values: Values
+    doubts: Mapping[str, tuple[str, ...]] = {}
+    tagged: bool = False
+
+
+_NOISE = ("correlated_sigma_m", "learn_noise")
+KINDS: Mapping[str, Kind] = {
+    "range": Kind(
+        RangeModel,
+        UNCALIBRATED,
+        Values("a range of 0 or more", least=0.0),
+        doubts={
+            "bias_m": ("bias_sigma_m", "common_bias_sigma_m"),
+            "scale": ("scale_sigma",),
+            "sigma_m": _NOISE,
+            "sigma_scale": _NOISE,
+        },
+        tagged=True,
+    ),
+    "signal": Kind(SignalModel, SignalModel(), Values("a finite number")),
+    "detection": Kind(DetectionModel, DetectionModel(), Values("0 or 1", binary=True)),
+}
+
+
+def kind_of(model: SensorModel) -> str:
+    """Name the kind of a model."""
+    return next(name for name, kind in KINDS.items() if isinstance(model, kind.parameters))
