@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from trackfield.network.site import Site, Target
-from trackfield.pipeline import track
+from trackfield.pipeline.tagged import track
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Readings
 

@@ -23,7 +23,7 @@ from trackfield.io.truth import read_truth
 from trackfield.metrics.score import Score, score
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site, site_from_toml
-from trackfield.pipeline import track
+from trackfield.pipeline.tagged import track
 from trackfield.types import Readings, Tracks, Truth, select_rows
 
 LAGS_S = (0.0, 2.0, 5.0)

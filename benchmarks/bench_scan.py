@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.network.site import Site, Target, TrackerSettings
-from trackfield.pipeline import Tracker
+from trackfield.pipeline.tagged import Tracker
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix, Vector
 

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from trackfield._core._kernels import RangeBank
 from trackfield.filtering import range_tracker
-from trackfield.pipeline import Tracker
+from trackfield.pipeline.tagged import Tracker
 
 
 class Told(NamedTuple):

@@ -14,7 +14,7 @@ from trackfield.metrics.consistency import distances2
 from trackfield.metrics.score import score
 from trackfield.motion import ConstantVelocity
 from trackfield.network.site import Site
-from trackfield.pipeline import track
+from trackfield.pipeline.tagged import track
 from trackfield.sensing.range import UNCALIBRATED, Nlos, RangeModel
 from trackfield.simulation import roads, tagged
 

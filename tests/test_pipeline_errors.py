@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from range_runs import Heard, box, path, run, table
 from trackfield.errors import ConfigurationError, InputError, StateError
-from trackfield.pipeline import Tracker, track
+from trackfield.pipeline.tagged import Tracker, track
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 
 SITE = box(UNCALIBRATED, heights=(0.0, 3.0, 2.0))

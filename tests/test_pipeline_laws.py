@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from range_runs import Heard, box, run, scans, table
 from range_snapshot import opened
 from range_twin import told
-from trackfield.pipeline import Tracker, track
+from trackfield.pipeline.tagged import Tracker, track
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.types import Tracks, concatenate_tracks
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from range_runs import Heard, box, path, run, table
 from range_snapshot import opened
 from range_twin import told
-from trackfield.pipeline import Tracker
+from trackfield.pipeline.tagged import Tracker
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.types import Status, concatenate_tracks
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benches import load
-from trackfield.pipeline import track
+from trackfield.pipeline.tagged import track
 
 pytestmark = pytest.mark.speed
 NUMPY_RATIO = 8.0

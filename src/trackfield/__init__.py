@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.network.site_file import load_site, site_from_toml
     from trackfield.network.site_writer import write_site
-    from trackfield.pipeline import Tracker
+    from trackfield.pipeline.tagged import Tracker
     from trackfield.sensing.range import RangeModel
     from trackfield.types import Readings, Status, Tracks, Truth
 
@@ -54,7 +54,7 @@ _ROOMS = {
     "network.site": ("Site",),
     "network.site_file": ("load_site", "site_from_toml"),
     "network.site_writer": ("write_site",),
-    "pipeline": ("Tracker",),
+    "pipeline.tagged": ("Tracker",),
     "sensing.range": ("RangeModel",),
     "types": ("Readings", "Status", "Tracks", "Truth"),
 }

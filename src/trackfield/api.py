@@ -8,7 +8,6 @@ from typing import Protocol, cast
 
 from numpy.typing import ArrayLike
 
-from trackfield import pipeline
 from trackfield.calibration import ranges
 from trackfield.io.measurements import read_readings, readings_from_columns, stream_readings
 from trackfield.io.tracks import read_tracks
@@ -16,6 +15,7 @@ from trackfield.io.truth import read_truth, truth_from_columns
 from trackfield.metrics import score as metrics
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
+from trackfield.pipeline import tagged
 from trackfield.types import Readings, Tracks, Truth
 
 
@@ -57,7 +57,7 @@ def track(
         chunks = (_whole(place, chunk) for chunk in readings)
     else:
         chunks = [_whole(place, cast("Run", readings))]
-    run = pipeline.track(place, chunks, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
+    run = tagged.track(place, chunks, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
     return run.tracks
 
 

@@ -155,7 +155,7 @@ def run_tracker(
     from trackfield.io.tracks import open_tracks
     from trackfield.metrics.error import shown
     from trackfield.network.survey import data_problems, empty_survey, surveyed, unit_suspicion
-    from trackfield.pipeline import Tracker, require_tracks
+    from trackfield.pipeline.tagged import Tracker, require_tracks
 
     survey, rows, visible, kept = empty_survey(site), 0, 0, list["Tracks"]()
     tracker = Tracker(

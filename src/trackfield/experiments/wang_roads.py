@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield import pipeline
 from trackfield.experiments import wang_contest as contest
 from trackfield.experiments.wang_contest import Race, Rule
 from trackfield.filtering.converted import Mode
 from trackfield.filtering.robust import Student
 from trackfield.motion import SteppedAcceleration
+from trackfield.pipeline.tagged import track
 from trackfield.simulation import roads, tagged
 from trackfield.simulation.roads import Drive, End, Nlos
 from trackfield.types import Gaussian, Matrix, Vector
@@ -156,7 +156,7 @@ def default_tracker(race: Race) -> dict[str, Entry]:
     readings = tagged.to_readings(race.drive.t_s, race.ranges, site.sensor_ids, names)
     entries: dict[str, Entry] = {}
     for name, lag in ((LIVE, 0), (LAGGED, LAG_STEPS)):
-        rows = pipeline.track(site, readings, lag_steps=lag).tracks
+        rows = track(site, readings, lag_steps=lag).tracks
         run_of = np.array([int(target) for target in rows.target_ids])[rows.target]
         step = np.rint(rows.t_s / race.dt_s).astype(np.int64) - 1
         position = np.full((len(race.drive.t_s), runs, 2), np.nan)

@@ -1,11 +1,10 @@
-"""The stages joined as operators: readings in, rows of tracks out; process, snapshot, restore.
+"""Tagged targets: ranges in, rows of tracks out.
 
 One operator serves batch, replay and live runs; they differ only in where readings come from.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import struct
@@ -20,6 +19,7 @@ from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site, range_models
+from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.types import (
     Indices,
     Readings,
@@ -29,8 +29,6 @@ from trackfield.types import (
     select_rows,
 )
 
-_MAGIC = b"TRACKFLD"
-_VERSION = 1
 _ANONYMOUS = ""  # the one target of readings that name none
 
 
@@ -162,24 +160,11 @@ class Tracker:
             }
         ).encode()
         body = struct.pack("<I", len(head)) + head + self._bank.snapshot()
-        own = hashlib.sha256(body).digest()
-        return b"".join((_MAGIC, struct.pack("<H", _VERSION), self._digest(), own, body))
+        return seal(body, self._digest())
 
     def restore(self, data: bytes) -> None:
         """Take up the run where `snapshot` left it: all that follows is the same bit by bit."""
-        start = len(_MAGIC) + 2
-        if data[: len(_MAGIC)] != _MAGIC or len(data) < start + 68:
-            raise StateError("found bytes that are not a tracker's snapshot")
-        (version,) = struct.unpack_from("<H", data, len(_MAGIC))
-        if version != _VERSION:
-            raise StateError(f"found a snapshot of version {version}, expected {_VERSION}")
-        if data[start : start + 32] != self._digest():
-            raise StateError(
-                "found a snapshot of another site or of other options than this tracker's"
-            )
-        body = data[start + 64 :]
-        if data[start + 32 : start + 64] != hashlib.sha256(body).digest():
-            raise StateError("found a damaged snapshot: its bytes do not match their own digest")
+        body = unseal(data, self._digest())
         (size,) = struct.unpack_from("<I", body)
         head = json.loads(body[4 : 4 + size])
         try:
@@ -195,7 +180,7 @@ class Tracker:
     def _digest(self) -> bytes:
         """Fingerprint of all that the kernel was made from."""
         site = self._site
-        parts = (
+        return fingerprint(
             site.sensor_ids,
             site.positions.tolist(),
             [astuple(m) for m in site.models],
@@ -204,7 +189,6 @@ class Tracker:
             astuple(site.tracker),
             self._output,
         )
-        return hashlib.sha256(repr(parts).encode()).digest()
 
     def _add(self, readings: Readings) -> None:
         _require_finite(readings.t_s, "t_s")

@@ -1,0 +1,1 @@
+"""The stages joined as operators, for tagged and unknown targets: process, snapshot, restore."""
