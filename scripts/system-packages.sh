@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Installs the system packages that building and testing need and this machine lacks, where that
 # can be done: as root, with apt. Elsewhere it says in one line what is missing.
+#   system-packages.sh [browser]   with the browser in which the tests open pages
 set -euo pipefail
 
 python=${PYTHON:-python3}
@@ -13,6 +14,9 @@ else
     "$python" -c 'import ensurepip, venv' 2>/dev/null || missing+=(python3-venv)
     headers=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     [ -e "$headers/Python.h" ] || missing+=(python3-dev)
+fi
+if [ "${1:-}" = browser ]; then
+    command -v chromium >/dev/null || missing+=(chromium)
 fi
 [ ${#missing[@]} -eq 0 ] && exit 0
 
