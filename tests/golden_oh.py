@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from trackfield.localization.detection_cells import cell_likelihood
 from trackfield.network import channel
 
 Case = dict[str, Any]
@@ -20,7 +23,18 @@ def delay_pmf(given: Case) -> Answer:
     return {"p": channel.delay_probability(given["p_de"], given["k"], given["d"])}
 
 
+def cell_likelihood_(given: Case) -> Answer:
+    detected, inside = (np.array(given[name], bool) for name in ("z", "cell_inside"))
+    found = cell_likelihood(detected, inside, p=np.array(given["p"]), q=np.array(given["q"]))
+    return {
+        "P": np.exp(found.total),
+        "det_part": np.exp(found.detection),
+        "false_part": np.exp(found.false_detection),
+    }
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "p_cs": p_cs,
     "delay_pmf": delay_pmf,
+    "cell_likelihood": cell_likelihood_,
 }

@@ -12,6 +12,7 @@ from scipy.special import expit
 from scipy.stats import beta
 
 from trackfield.calibration.detection_fit import Evidence, evidence, fit_rates, sensor_rates
+from trackfield.calibration.detection_site import calibrate_detection_site, detection_run
 from trackfield.calibration.detections import (
     DetectionCalibration,
     DetectionRun,
@@ -19,8 +20,12 @@ from trackfield.calibration.detections import (
 )
 from trackfield.calibration.truth_paths import paths_at
 from trackfield.errors import ConfigurationError, InputError
+from trackfield.network.channel import Channel
+from trackfield.network.site import Group, ReportSettings, Site
 from trackfield.sensing import detection
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import RangeModel
+from trackfield.types import Readings, Truth, select_rows
 
 GRID = np.stack(np.meshgrid(5.0 * np.arange(12), 5.0 * np.arange(12)), axis=-1).reshape(-1, 2)
 STEPS = 75
@@ -318,3 +323,85 @@ def test_wrong_models_and_delivery_are_refused():
     for delivery in (0.0, 1.1, np.nan):
         with pytest.raises(InputError, match="delivery: found"):
             calibrate_detections(run, delivery=delivery)
+
+
+def tables(run: DetectionRun, *, silence: bool = False) -> tuple[Readings, Truth]:
+    """Make tables of a run; where `silence` is sent, rows of 0 too."""
+    step, sensor = np.nonzero(np.ones_like(run.detected) if silence else run.detected)
+    n = step.size
+    readings = Readings(
+        t_s=run.t_s[step] + 0.3 * np.sin(np.arange(n)),
+        sensor=sensor.astype(np.int32),
+        value=run.detected[step, sensor].astype(float),
+        target=np.full(n, -1, np.int32),
+        kind=np.zeros(n, np.int32),
+        sigma=np.full(n, np.nan),
+        arrival_s=np.full(n, np.nan),
+        sensor_ids=tuple(f"s{i}" for i in range(len(GRID))),
+        target_ids=(),
+        kinds=("detection",),
+    )
+    position = np.column_stack([run.position, np.full(len(run.position), np.nan)])
+    return readings, Truth(run.truth_s, run.target, position, ("walker",))
+
+
+def field_site(**options: Any) -> Site:
+    return Site(
+        name="field",
+        sensor_ids=(*(f"s{i}" for i in range(len(GRID))), "radar"),
+        positions=np.column_stack([np.vstack([GRID, [0.0, 0.0]]), np.zeros(len(GRID) + 1)]),
+        models=(*(TOLD for _ in GRID), RangeModel()),
+        **options,
+    )
+
+
+def test_a_site_is_calibrated_from_tables_and_told_of_its_loss_by_its_network():
+    run, _ = make(World(DetectionModel(radius_m=6.5)), 8)
+    site = field_site(network=Channel(p_loss=0.1))
+    found = calibrate_detection_site(site, *tables(run), clock=False)
+    plain = calibrate_detections(run, delivery=0.9, clock=False)
+    assert found.calibration.pooled.radius_m == pytest.approx(plain.pooled.radius_m, rel=0.01)
+    assert found.calibration.pooled.p_detection == pytest.approx(plain.pooled.p_detection, rel=0.02)
+    assert found.sensor_ids == site.sensor_ids[:-1]
+    assert found.site.models[:-1] == found.calibration.models
+    assert found.site.models[-1] == RangeModel()
+    unaware = calibrate_detection_site(field_site(), *tables(run), clock=False)
+    seen = unaware.calibration.pooled.p_detection
+    assert seen == pytest.approx(0.9 * found.calibration.pooled.p_detection, rel=0.02)
+
+
+def test_rows_of_zero_say_that_silence_is_reported():
+    run, _ = make(World(delivery=1.0, broken=0), 9)
+    readings, truth = tables(run, silence=True)
+    kept = np.random.default_rng(0).random(len(readings)) < 0.8
+    found = detection_run(field_site(), select_rows(readings, kept), truth)
+    assert found.heard is not None
+    np.testing.assert_array_equal(found.heard.ravel(), kept)
+    np.testing.assert_array_equal(found.detected, run.detected & found.heard)
+    slow = field_site(reports=ReportSettings(step_s=5.0))
+    assert detection_run(slow, readings, truth).t_s.size == 16
+
+
+def test_tables_that_do_not_fit_the_site_are_refused():
+    run, _ = make(World(), 9)
+    readings, truth = tables(run)
+    with pytest.raises(InputError, match="no sensor of kind 'detection'"):
+        detection_run(replace(field_site(), models=(RangeModel(),) * 145), readings, truth)
+    with pytest.raises(InputError, match="no reading of kind 'detection'"):
+        detection_run(field_site(), replace(readings, kinds=("range",)), truth)
+    empty = select_rows(replace(readings, kinds=()), np.empty(0, int))
+    with pytest.raises(InputError, match="no reading of kind 'detection'"):
+        detection_run(field_site(), empty, truth)
+    strange = replace(readings, sensor_ids=("radar", *readings.sensor_ids[1:]))
+    with pytest.raises(InputError, match="'radar', which is no binary sensor"):
+        detection_run(field_site(), strange, truth)
+    far = replace(readings, t_s=readings.t_s * 1e6)
+    with pytest.raises(InputError, match="expected at most 1000000"):
+        detection_run(field_site(), far, truth)
+
+
+def test_a_node_that_nobody_hears_is_calibrated_as_silent():
+    run, _ = make(World(), 8)
+    site = field_site(network=Channel(hop_m=6.0, p_loss=0.1), groups=(Group("g", 300.0, 300.0),))
+    found = calibrate_detection_site(site, *tables(run), clock=False)
+    assert found.calibration.pooled.p_detection < 0.8

@@ -92,6 +92,9 @@ def test_shapes_follow_the_positions_and_one_model_serves_all():
     one = detection.coverage(MIXED[3], SENSORS, positions=places)
     np.testing.assert_array_equal(one, detection.coverage(same, SENSORS, positions=places))
     assert len(same.outlines) == 1
+    repeated = detection.repeat(detection.columns(MIXED[3:4]), 5)
+    for a, b in zip(repeated[:-1], same[:-1], strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-180, 180), st.floats(5, 355))

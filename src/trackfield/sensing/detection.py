@@ -136,6 +136,20 @@ def as_columns(models: DetectionModels) -> DetectionColumns:
     return columns([models]) if isinstance(models, DetectionModel) else models
 
 
+def repeat(models: DetectionColumns, n: int) -> DetectionColumns:
+    """Columns of `n` sensors alike, from columns of one."""
+    return DetectionColumns(
+        radius_m=np.repeat(models.radius_m, n),
+        p_detection=np.repeat(models.p_detection, n),
+        p_false=np.repeat(models.p_false, n),
+        edge_m=np.repeat(models.edge_m, n),
+        heading=np.repeat(models.heading, n),
+        width=np.repeat(models.width, n),
+        outline=np.repeat(models.outline, n),
+        outlines=models.outlines,
+    )
+
+
 def depth(models: DetectionModels, sensors: Matrix, *, positions: Matrix) -> Matrix:
     """Distance (..., n) [m] of `positions` (..., 2) to the border of each region, positive inside.
 
