@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from trackfield.localization.detection_cells import cell_likelihood
+from trackfield.metrics import ospa
 from trackfield.network import channel
 
 Case = dict[str, Any]
@@ -33,8 +34,18 @@ def cell_likelihood_(given: Case) -> Answer:
     }
 
 
+def gospa(given: Case) -> Answer:
+    one, other = (np.array(given[name], float).reshape(-1, 2) for name in ("X", "Y"))
+    scale = {"cutoff_m": given["c"], "order": given["p"]}
+    return {
+        "gospa": ospa.gospa(one, other, **scale, alpha=given["alpha"]).gospa_m,
+        "ospa": ospa.ospa(one, other, **scale),
+    }
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "p_cs": p_cs,
     "delay_pmf": delay_pmf,
     "cell_likelihood": cell_likelihood_,
+    "gospa": gospa,
 }

@@ -5,6 +5,7 @@ import pytest
 
 import cli_runs
 import trackfield
+from score_runs import make_tracks, make_truth
 from trackfield.errors import ConfigurationError, InputError
 
 
@@ -95,3 +96,14 @@ def test_bad_arguments_raise_our_errors(run):
     columns = {"t_s": [0.0], "sensor_id": ["Z"], "kind": ["range"], "value": [1.0]}
     with pytest.raises(InputError, match="a sensor of the site"):
         trackfield.track(run / "site.toml", columns)
+
+
+def test_tracks_without_names_have_the_score_of_many():
+    rows = [(t, who, float(t), 9.0 * who) for t in range(5) for who in (0, 1)]
+    truth, tracks = make_truth(rows), make_tracks(rows)
+    found = trackfield.score(truth, tracks)
+    told = trackfield.score(truth, tracks, many=True, max_gap_s=0.0)
+    assert found.to_dict() == told.to_dict()
+    assert found.clear_mot.mota == 1.0
+    with pytest.raises(InputError, match="share no target"):
+        trackfield.score(truth, tracks, many=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Literal, Protocol, cast, overload
 
 from numpy.typing import ArrayLike
 
@@ -12,7 +12,9 @@ from trackfield.calibration import ranges
 from trackfield.io.measurements import read_readings, readings_from_columns, stream_readings
 from trackfield.io.tracks import read_tracks
 from trackfield.io.truth import read_truth, truth_from_columns
-from trackfield.metrics import score as metrics
+from trackfield.metrics.many import USUAL, ManyScore, Measure, asks_for_many, score_many
+from trackfield.metrics.score import Score
+from trackfield.metrics.score import score as score_tagged
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
 from trackfield.pipeline import tagged
@@ -73,16 +75,62 @@ def calibrate(
     return ranges.calibrate(place, _whole(place, readings), _truth(truth))
 
 
+@overload
 def score(
-    truth: Truth | File | Columns, tracks: Tracks | File, *, max_gap_s: float = 1.0
-) -> metrics.Score:
-    """Compare tracks, or a file of them, with truth.
+    truth: Truth | File | Columns,
+    tracks: Tracks | File,
+    *,
+    many: Literal[False],
+    max_gap_s: float | None = None,
+) -> Score: ...
 
-    Truth is interpolated between samples at most `max_gap_s` apart. `InputError` where nothing
-    matches.
+
+@overload
+def score(
+    truth: Truth | File | Columns,
+    tracks: Tracks | File,
+    *,
+    many: Literal[True],
+    max_gap_s: float | None = None,
+    measure: Measure = USUAL,
+    tolerance_s: float | None = None,
+) -> ManyScore: ...
+
+
+@overload
+def score(
+    truth: Truth | File | Columns,
+    tracks: Tracks | File,
+    *,
+    many: bool | None = None,
+    max_gap_s: float | None = None,
+    measure: Measure = USUAL,
+    tolerance_s: float | None = None,
+) -> Score | ManyScore: ...
+
+
+def score(
+    truth: Truth | File | Columns,
+    tracks: Tracks | File,
+    *,
+    many: bool | None = None,
+    max_gap_s: float | None = None,
+    measure: Measure = USUAL,
+    tolerance_s: float | None = None,
+) -> Score | ManyScore:
+    """Compare tracks, or a file of them, with truth: a `Score`, or a `ManyScore` of many targets.
+
+    `many` sets identities of tracks free; where None, it is so for tracks that name no target, if
+    there are several. Truth is interpolated between samples at most `max_gap_s` apart; None: 1 s
+    where targets have names, else not at all. `measure` and `tolerance_s` are those of
+    `trackfield.metrics.many.score_many`. `InputError` where nothing matches.
     """
+    known = _truth(truth)
     found = tracks if isinstance(tracks, Tracks) else read_tracks(tracks)
-    return metrics.score(_truth(truth), found, max_gap_s=max_gap_s)
+    if many or (many is None and asks_for_many(known, found)):
+        gap_s = 0.0 if max_gap_s is None else max_gap_s
+        return score_many(known, found, measure=measure, tolerance_s=tolerance_s, max_gap_s=gap_s)
+    return score_tagged(known, found, max_gap_s=1.0 if max_gap_s is None else max_gap_s)
 
 
 def _site(site: Site | File) -> Site:

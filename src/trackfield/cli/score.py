@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfield.cli.output import Json, emit, naming, number, show_table
+from trackfield.cli.output import Json, emit, naming, number, say, show_table, warn
 
 if TYPE_CHECKING:
+    from trackfield.metrics.many import ManyScore
     from trackfield.metrics.score import Score
+    from trackfield.types import Tracks, Truth
 
 COLUMNS = ("RMSE [m]", "median [m]", "p95 [m]", "in 95 %", "NIS", "shown")
 
@@ -18,22 +20,66 @@ COLUMNS = ("RMSE [m]", "median [m]", "p95 [m]", "in 95 %", "NIS", "shown")
 def score(
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Where targets really were.")],
     tracks: Annotated[Path, typer.Argument(metavar="TRACKS", help="What the tracker showed.")],
+    many: Annotated[
+        bool,
+        typer.Option("--many", help="Score as many targets without names, as untagged tracks are."),
+    ] = False,
+    cutoff: Annotated[
+        float, typer.Option(metavar="M", help="Cut-off c of OSPA and GOSPA [m], with --many.")
+    ] = 5.0,
+    order: Annotated[
+        float, typer.Option(metavar="P", help="Order p of OSPA and GOSPA, with --many.")
+    ] = 2.0,
+    match: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M", help="A track this near may be a target's [m], with --many: the cut-off."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="Rows this near to a step of the truth are of it [s], with --many: half a step.",
+        ),
+    ] = None,
     max_gap: Annotated[
-        float,
-        typer.Option(metavar="S", min=0.0, help="Bridge gaps of the truth up to this long [s]."),
-    ] = 1.0,
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=0.0,
+            help="Bridge gaps of the truth up to this long [s]: 1, with --many 0.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compare TRACKS with TRUTH, target by target."""
+    """Compare TRACKS with TRUTH, target by target.
+
+    Tracks that name no target are scored as sets of many targets: GOSPA, MOTA, IDF1, SIAP.
+    """
     from trackfield.io.tracks import read_tracks
     from trackfield.io.truth import read_truth
+    from trackfield.metrics.many import Measure, asks_for_many, score_many
+
+    known, found = read_truth(truth), read_tracks(tracks)
+    if many or asks_for_many(known, found):
+        measure = Measure(cutoff, order, match)
+        with naming(truth, tracks):
+            total = score_many(
+                known, found, measure=measure, tolerance_s=tolerance, max_gap_s=max_gap or 0.0
+            )
+        _show_many(total, as_json=as_json)
+    else:
+        with naming(truth, tracks):
+            _show_by_target(known, found, 1.0 if max_gap is None else max_gap, as_json=as_json)
+
+
+def _show_by_target(truth: Truth, tracks: Tracks, max_gap_s: float, *, as_json: bool) -> None:
     from trackfield.metrics.score import score as score_all
     from trackfield.metrics.score import scores_by_target
 
-    known, found = read_truth(truth), read_tracks(tracks)
-    with naming(truth, tracks):
-        total = score_all(known, found, max_gap_s=max_gap)
-        by_target = scores_by_target(known, found, max_gap_s=max_gap)
+    total = score_all(truth, tracks, max_gap_s=max_gap_s)
+    by_target = scores_by_target(truth, tracks, max_gap_s=max_gap_s)
     if as_json:
         targets = {name: one.to_dict() for name, one in by_target.items()}
         emit({**total.to_dict(), "targets": targets})
@@ -53,3 +99,45 @@ def cells(one: Score) -> tuple[str, ...]:
         number(one.nis, 2),
         f"{100 * one.availability:.0f} %",
     )
+
+
+def _show_many(one: ManyScore, *, as_json: bool) -> None:
+    extent, measure = one.extent, one.measure
+    if extent.off_steps:
+        warn(f"{extent.off_steps} shown rows are at no step of the truth: not scored")
+    if as_json:
+        emit(one.to_dict())
+        return
+    say(
+        f"{extent.targets} targets, {extent.tracks} tracks, {extent.steps} steps; "
+        f"c {measure.cutoff_m:g} m, p {measure.order:g}, match {measure.match_m:g} m"
+    )
+    show_table(("score", "value", "best"), _many_rows(one))
+
+
+def _many_rows(one: ManyScore) -> list[tuple[str, str, str]]:
+    clear, identity, siap = one.clear_mot, one.identity, one.siap
+    return [
+        ("GOSPA [m]", number(one.sets.gospa_m), "0"),
+        ("OSPA [m]", number(one.sets.ospa_m), "0"),
+        ("targets missed, a step", number(one.sets.missed), "0"),
+        ("tracks false, a step", number(one.sets.false), "0"),
+        ("error of the number", number(one.cardinality.cardinality_error), "0"),
+        ("MOTA", number(clear.mota), "1"),
+        ("MOTP [m]", number(clear.motp_m), "0"),
+        ("recall", number(clear.recall), "1"),
+        ("precision", number(clear.precision), "1"),
+        ("identity switches", str(clear.switches), "0"),
+        ("fragments", str(clear.fragments), "0"),
+        ("targets mostly tracked", str(clear.mostly_tracked), str(one.extent.targets)),
+        ("targets mostly lost", str(clear.mostly_lost), "0"),
+        ("IDF1", number(identity.idf1), "1"),
+        ("IDP", number(identity.idp), "1"),
+        ("IDR", number(identity.idr), "1"),
+        ("completeness", number(siap.completeness), "1"),
+        ("ambiguity", number(siap.ambiguity), "1"),
+        ("spuriousness", number(siap.spuriousness), "0"),
+        ("position error [m]", number(siap.position_error_m), "0"),
+        ("breaks of tracks [1/s]", number(siap.breaks_per_s, 4), "0"),
+        ("longest segment", number(siap.longest_segment), "1"),
+    ]
