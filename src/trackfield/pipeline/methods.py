@@ -1,0 +1,21 @@
+"""Which tracker serves which data: by the site's `tracker.method`, and by what the data are."""
+
+from __future__ import annotations
+
+from trackfield.association.contract import AnyAssociator
+from trackfield.association.model import Scene
+from trackfield.errors import ConfigurationError
+from trackfield.network.site import Site
+from trackfield.pipeline.fronts import Front, ReportFront, Source
+
+
+def front_of(site: Site, scene: Scene, *, source: Source) -> Front:
+    """Make what turns tables of a source into scans; `ConfigurationError` for a wrong site."""
+    if source == "reports":
+        return ReportFront(site, scene.reporting.region)
+    raise ConfigurationError([f"found source {source!r}, expected 'reports'"])
+
+
+def associator_of(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
+    """Make the tracker that the site's `tracker.method` names."""
+    raise ConfigurationError([f"site {site.name}: tracker.method: found {site.tracker.method!r}"])
