@@ -23,6 +23,7 @@ class Targets:
     births_per_s: float = 0.1  # in the whole region
     initial_count: float = 1.0  # expected number of targets when the run begins
     birth_map: Field = 1.0  # relative density of births over the region
+    survival_map: Field = 1.0  # factor of a step's survival, below 1 where targets tend to leave
 
 
 @dataclass(frozen=True, slots=True)
