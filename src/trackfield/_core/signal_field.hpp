@@ -95,10 +95,12 @@ inline double residual_of(const Field &f, size_t i, const Signal &s) {
     return f.z[i] >= f.saturation[i] && r < 0.0 ? 0.0 : r;
 }
 
-// Points in square cells over their bounding box; a place outside belongs to the nearest cell.
+// Square cells over the bounding box of the field; a place outside belongs to the nearest cell.
 class Cells {
    public:
-    Cells(const Field &f, double width, size_t most) {
+    int columns, rows;
+
+    Cells(const Field &f, double width) {
         double x1 = -1e300, y1 = -1e300;
         x0 = y0 = 1e300;
         for (size_t i = 0; i < f.n; ++i) {
@@ -107,32 +109,71 @@ class Cells {
         }
         const double w = std::max(x1 - x0, 0.0), h = std::max(y1 - y0, 0.0);
         side = std::clamp(width, 1e-9, 1e9);
-        while ((w / side + 1) * (h / side + 1) > double(most) + 4) side *= 1.5;
+        while ((w / side + 1) * (h / side + 1) > double(f.n) + 4) side *= 1.5;
         columns = int(w / side) + 1;
         rows = int(h / side) + 1;
-        at.resize(size_t(columns) * rows);
     }
-    void insert(int32_t id, double x, double y) { at[cell(x, y)].push_back(id); }
-    void remove(int32_t id, double x, double y) {
-        auto &ids = at[cell(x, y)];
-        ids.erase(std::find(ids.begin(), ids.end(), id));
+    size_t size() const { return size_t(columns) * rows; }
+    int column(double x) const { return int(std::clamp((x - x0) / side, 0.0, double(columns - 1))); }
+    int row(double y) const { return int(std::clamp((y - y0) / side, 0.0, double(rows - 1))); }
+    size_t of(double x, double y) const { return size_t(row(y)) * columns + column(x); }
+
+   private:
+    double x0, y0, side;
+};
+
+// The sensors that spoke, cell after cell.
+class SensorIndex {
+   public:
+    SensorIndex(const Field &field, double width) : f(field), cells(field, width), first(cells.size() + 1, 0) {
+        std::vector<int32_t> cell(f.n, -1);
+        for (size_t i = 0; i < f.n; ++i)
+            if (f.spoke(i)) ++first[size_t(cell[i] = int32_t(cells.of(f.x(i), f.y(i)))) + 1];
+        for (size_t c = 0; c < cells.size(); ++c) first[c + 1] += first[c];
+        ids.resize(first.back());
+        std::vector<int32_t> next(first.begin(), first.end() - 1);
+        for (size_t i = 0; i < f.n; ++i)
+            if (cell[i] >= 0) ids[next[cell[i]]++] = int32_t(i);
     }
-    // Ids in all cells that a disc touches, or more; the caller looks at the distance.
     template <class Visit>
-    void near(double x, double y, double radius, Visit visit) const {
-        const int i0 = column(x - radius), i1 = column(x + radius), j1 = row(y + radius);
-        for (int j = row(y - radius); j <= j1; ++j)
-            for (int i = i0; i <= i1; ++i)
-                for (int32_t id : at[size_t(j) * columns + i]) visit(id);
+    void within(double x, double y, double radius, Visit visit) const {
+        const int c0 = cells.column(x - radius), c1 = cells.column(x + radius), r1 = cells.row(y + radius);
+        for (int r = cells.row(y - radius); r <= r1; ++r) {
+            const size_t row = size_t(r) * cells.columns;
+            for (int32_t k = first[row + c0]; k < first[row + c1 + 1]; ++k) {
+                const int32_t i = ids[k];
+                const double dx = f.x(i) - x, dy = f.y(i) - y;
+                if (dx * dx + dy * dy <= radius * radius) visit(i);
+            }
+        }
     }
 
    private:
-    int column(double x) const { return int(std::clamp((x - x0) / side, 0.0, double(columns - 1))); }
-    int row(double y) const { return int(std::clamp((y - y0) / side, 0.0, double(rows - 1))); }
-    size_t cell(double x, double y) const { return size_t(row(y)) * columns + column(x); }
+    const Field &f;
+    Cells cells;
+    std::vector<int32_t> first, ids;
+};
 
-    double x0, y0, side;
-    int columns, rows;
+// Sources, which come, move and go.
+class SourceIndex {
+   public:
+    SourceIndex(const Field &f, double width) : cells(f, width), at(cells.size()) {}
+    void insert(int32_t id, const Source &s) { at[cells.of(s.x, s.y)].push_back(id); }
+    void remove(int32_t id, const Source &s) {
+        auto &ids = at[cells.of(s.x, s.y)];
+        ids.erase(std::find(ids.begin(), ids.end(), id));
+    }
+    // Ids in all cells that a disc touches: the caller looks at the distance.
+    template <class Visit>
+    void near(double x, double y, double radius, Visit visit) const {
+        const int c0 = cells.column(x - radius), c1 = cells.column(x + radius), r1 = cells.row(y + radius);
+        for (int r = cells.row(y - radius); r <= r1; ++r)
+            for (int c = c0; c <= c1; ++c)
+                for (int32_t id : at[size_t(r) * cells.columns + c]) visit(id);
+    }
+
+   private:
+    Cells cells;
     std::vector<std::vector<int32_t>> at;
 };
 

@@ -6,15 +6,18 @@
 
 namespace trackfield::signals {
 
-constexpr int kIterations = 40;
+constexpr int kIterations = 30;
+constexpr int kTrialIterations = 10;  // of a start that is one of several
+constexpr double kFew = 0.25;         // share of outliers that may be let go in a first fit
 constexpr int kSoftIterations = 4;   // with Huber's weights, before outliers are let go
-constexpr double kDone = 1e-7;       // promised gain [nats] at which a fit ends
+constexpr double kDone = 1e-6;       // promised gain [nats] at which a fit ends
 constexpr double kFactorStep = 0.5;
 
 struct Settings {
     double leader_sigmas = 0;  // excess of a sensor that may lead
     double leader_radius = 0, fit_radius = 0, group_radius = 0, max_step = 0;  // [m]
     double gain = 0;            // in log-likelihood, that a source must bring [nats]
+    double split_gain = 0;      // the same of two in place of one
     double outlier_sigmas = 0;  // a reading further off is taken for broken
     int group = 0, rounds = 0;
     int64_t work = 0;  // pairs of sensor and source that a scan may cost
@@ -23,6 +26,7 @@ struct Settings {
 struct Fit {
     std::vector<Source> sources;
     std::vector<double> covariance;  // xx, xy, yy of each source
+    double start = 0;                // objective where the fit began
     double objective = 0;            // log-likelihood with outliers, and priors, but for a constant
     double chi2 = 0;
     size_t n = 0;
@@ -45,20 +49,24 @@ class Fitter {
         return o;
     }
 
-    Fit run(const std::vector<Source> &start) {
+    // `few`: readings that are far off are let go only if they are few; else they may be of sources
+    // that are not known yet.
+    Fit run(const std::vector<Source> &start, bool few, int iterations = kIterations) {
         Fit o;
         std::vector<Source> at = start;
         evaluate(at, now);
+        finish(at, now, o);
+        o.start = o.objective;
         phase = 0;
         weigh(now);
         normal(at, now);
         double damping = 0;
         int soft = 0;
-        for (int k = 0; k < kIterations && spent < s.work; ++k) {
+        for (int k = 0; k < iterations && spent < s.work; ++k) {
             const bool solved = solve(damping);
             const bool ended = solved && promised < kDone && damping < 1.0;
             if (ended || (phase == 1 && soft >= kSoftIterations)) {
-                if (phase == 2 || (phase == 0 && worst2(now) < outlier_near())) break;
+                if (phase == 2 || (phase == 0 && !robust(few))) break;
                 ++phase;
                 soft = 0, damping = 0;
                 weigh(now);
@@ -90,7 +98,6 @@ class Fitter {
         std::vector<double> r, v, J;  // residual, variance, slopes (n, sources, d)
     };
 
-    double outlier_near() const { return (s.outlier_sigmas - 1) * (s.outlier_sigmas - 1); }
     double prior_place(const Source &c) const {
         const double reach = f.range[c.leader];
         return std::isfinite(reach) ? 1.0 / (reach * reach) : 0.0;
@@ -225,10 +232,14 @@ class Fitter {
         }
     }
 
-    double worst2(const Terms &t) const {
-        double most = 0;
-        for (size_t j = 0; j < t.r.size(); ++j) most = std::max(most, t.r[j] * t.r[j] / t.v[j]);
-        return most;
+    bool robust(bool few) const {
+        size_t near = 0, off = 0;
+        for (size_t j = 0; j < now.r.size(); ++j) {
+            const double e = std::fabs(now.r[j]) / std::sqrt(now.v[j]);
+            near += e > s.outlier_sigmas - 1;
+            off += e > s.outlier_sigmas;
+        }
+        return near > 0 && (!few || double(off) <= kFew * double(now.r.size()));
     }
 
     void finish(const std::vector<Source> &at, const Terms &t, Fit &o) const {

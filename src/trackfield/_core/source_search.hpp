@@ -7,11 +7,15 @@
 
 namespace trackfield::signals {
 
+constexpr double kSixth = 1.0471975511965976;  // of a turn [rad]
+
 struct Found {
     Source source;
     double cov[3] = {0, 0, 0};
     double gain = 0, misfit = 0;
     bool alive = true;
+    bool good = false;   // the readings about it are as the fit expects
+    bool whole = false;  // it was tried to be two
 };
 
 class Search {
@@ -21,9 +25,7 @@ class Search {
     int64_t spent = 0;
 
     Search(const Field &field, const Settings &settings)
-        : f(field), s(settings), fitter(f, s, spent), sensors(f, cell_width(), f.n), sources(f, reach(), f.n) {
-        for (size_t i = 0; i < f.n; ++i)
-            if (f.spoke(i)) sensors.insert(int32_t(i), f.x(i), f.y(i));
+        : f(field), s(settings), fitter(f, s, spent), sensors(f, cell_width()), most_reach(reach()), sources(f, most_reach) {
         stamp.assign(f.n, 0);
         refused.assign(f.n, 0);
     }
@@ -36,9 +38,10 @@ class Search {
             if (f.spoke(i) && f.z[i] >= s.leader_sigmas * f.sigma[i]) loud.push_back(int32_t(i));
         for (int round = 0; round < s.rounds && complete(); ++round) {
             const auto [added, asked] = ask(loud, round == 0);
-            if (added > 0) settle();
             if (asked == 0) break;
+            if (added > 0) settle();
         }
+        if (prune()) polish();
         for (int32_t i : loud)
             if (refused[i] && excess(i) >= s.leader_sigmas) suspects.push_back(i);
     }
@@ -68,18 +71,17 @@ class Search {
         return ids;
     }
 
-    Signal heard(size_t i, const std::vector<int32_t> &without) {
+    Signal heard(size_t i) {
         Signal sum;
         sources.near(f.x(i), f.y(i), f.reach(i), [&](int32_t k) {
             ++spent;
-            if (std::find(without.begin(), without.end(), k) == without.end())
-                add(f, sum, signal_of(f, i, found[k].source));
+            add(f, sum, signal_of(f, i, found[k].source));
         });
         return sum;
     }
 
     double excess(size_t i) {
-        const Signal sum = heard(i, {});
+        const Signal sum = heard(i);
         return residual_of(f, i, sum) / std::sqrt(variance_of(f, i, sum));
     }
 
@@ -99,15 +101,15 @@ class Search {
 
     bool loudest(int32_t i) const {
         bool most = true;
-        each_within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
-            most = most && (j == i || f.z[j] < f.z[i] || (f.z[j] == f.z[i] && j > i));
+        sensors.within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
+            if (j != i && (f.z[j] > f.z[i] || (f.z[j] == f.z[i] && j < i))) most = false;
         });
         return most;
     }
 
     bool most_excess(int32_t i, double e) {
         bool most = true;
-        each_within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
+        sensors.within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
             if (!most || j == i || refused[j] || f.z[j] < s.leader_sigmas * f.sigma[j]) return;
             const double other = excess(j);
             most = other < e || (other == e && j > i);
@@ -115,22 +117,14 @@ class Search {
         return most;
     }
 
-    template <class Visit>
-    void each_within(double x, double y, double radius, Visit visit) const {
-        sensors.near(x, y, radius, [&](int32_t j) {
-            const double dx = f.x(j) - x, dy = f.y(j) - y;
-            if (dx * dx + dy * dy <= radius * radius) visit(j);
-        });
-    }
-
     Asked ask(const std::vector<int32_t> &loud, bool first) {
         Asked o{0, 0};
         for (int32_t i : speakers(loud, first)) {
             if (!complete()) break;
             const double e = excess(i);
-            if (e < s.leader_sigmas || !most_excess(i, e)) continue;
+            if (e < s.leader_sigmas || (first && e < 0.5 * f.z[i] / f.sigma[i]) || !most_excess(i, e)) continue;
             ++o.asked;
-            if (lead(i))
+            if (lead(i, first))
                 ++o.added;
             else
                 refused[i] = 1;
@@ -142,7 +136,7 @@ class Search {
         ++mark;
         fitter.sensors.clear();
         const auto take = [&](double x, double y) {
-            each_within(x, y, s.fit_radius, [&](int32_t j) {
+            sensors.within(x, y, s.fit_radius, [&](int32_t j) {
                 if (stamp[j] == mark) return;
                 stamp[j] = mark;
                 fitter.sensors.push_back(j);
@@ -150,42 +144,63 @@ class Search {
         };
         if (leader >= 0) take(f.x(leader), f.y(leader));
         for (const Source &c : about) take(c.x, c.y);
-        fitter.background.clear();
-        for (int32_t j : fitter.sensors) fitter.background.push_back(heard(j, group));
+        double x = leader >= 0 ? f.x(leader) : about[0].x, y = leader >= 0 ? f.y(leader) : about[0].y, far = 0;
+        for (const Source &c : about) far = std::max(far, std::hypot(c.x - x, c.y - y));
+        std::vector<int32_t> others;
+        sources.near(x, y, far + s.fit_radius + most_reach, [&](int32_t k) {
+            if (std::find(group.begin(), group.end(), k) == group.end()) others.push_back(k);
+        });
+        spent += int64_t(others.size() * fitter.sensors.size());
+        fitter.background.assign(fitter.sensors.size(), Signal());
+        for (size_t j = 0; j < fitter.sensors.size(); ++j)
+            for (int32_t k : others)
+                add(f, fitter.background[j], signal_of(f, size_t(fitter.sensors[j]), found[k].source));
     }
 
     // Centre of mass of what is unexplained about a leader, Oh (12) on residuals.
     Source start_at(int32_t i) {
         double x = 0, y = 0, mass = 0;
-        each_within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
+        sensors.within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
             if (refused[j]) return;
-            const double r = std::max(0.0, residual_of(f, j, heard(j, {})));
+            const double r = std::max(0.0, residual_of(f, j, heard(j)));
             x += r * f.x(j), y += r * f.y(j), mass += r;
         });
         return {x / mass, y / mass, 0.0, i};
     }
 
-    bool lead(int32_t i) {
+    // A source comes in if the log-likelihood gains enough, or else if it explains half of what is
+    // there: the rest may be of others that have not spoken yet. What gained nothing in the end goes.
+    // The loudest of a neighbourhood shows well where its source is; what others left over does not,
+    // and may be half of a pair that one source was fitted to: more starts are tried.
+    bool lead(int32_t i, bool first) {
         const std::vector<int32_t> group = neighbours(f.x(i), f.y(i), s.group - 1);
         std::vector<Source> start;
         for (int32_t k : group) start.push_back(found[k].source);
         open_window(start, group, i);
-        const double before = fitter.judge(start).objective;
+        const Fit before = fitter.judge(start);
         start.push_back(start_at(i));
-        Fit best = fitter.run(start);
-        for (int k = 0; k < 6 && !best.good() && complete(); ++k) {
-            const double turn = k * 1.0471975511965976, arm = 0.5 * s.leader_radius;
-            start.back() = {f.x(i) + arm * std::cos(turn), f.y(i) + arm * std::sin(turn), 0.0, i};
-            Fit other = fitter.run(start);
-            if (other.objective > best.objective) best = other;
+        Fit best = fitter.run(start, true);
+        if (!best.good() && !first) {
+            for (int k = 0; k < 6 && complete(); ++k) {
+                const double turn = k * kSixth, arm = 0.5 * s.leader_radius;
+                start.back() = {f.x(i) + arm * std::cos(turn), f.y(i) + arm * std::sin(turn), 0.0, i};
+                Fit other = fitter.run(start, true, kTrialIterations);
+                if (other.objective > best.objective) best = std::move(other);
+            }
+            best = fitter.run(best.sources, true);
         }
-        if (!(best.objective - before > s.gain) || !usable(best)) return false;
-        for (size_t k = 0; k < group.size(); ++k) put(group[k], best, k);
-        found.push_back({best.sources.back()});
-        sources.insert(int32_t(found.size()) - 1, best.sources.back().x, best.sources.back().y);
-        put(int32_t(found.size()) - 1, best, group.size());
-        found.back().gain = best.objective - before;
+        const bool promising = best.chi2 < 0.5 * before.chi2;
+        if (!(best.objective - before.objective > s.gain || promising) || !usable(best)) return false;
+        accept(best, group);
         return true;
+    }
+
+    void accept(const Fit &fit, const std::vector<int32_t> &group) {
+        for (size_t k = 0; k < group.size(); ++k) put(group[k], fit, k);
+        const int32_t fresh = int32_t(found.size());
+        found.push_back({fit.sources.back()});
+        sources.insert(fresh, fit.sources.back());
+        put(fresh, fit, group.size());
     }
 
     // Every source stands where its leader can hear it, and has a covariance.
@@ -198,13 +213,18 @@ class Search {
         return true;
     }
 
+    void shift(int32_t k, const Source &to) {
+        sources.remove(k, found[k].source);
+        found[k].source = to;
+        sources.insert(k, to);
+    }
+
     void put(int32_t k, const Fit &fit, size_t place) {
+        shift(k, fit.sources[place]);
         Found &one = found[k];
-        sources.remove(k, one.source.x, one.source.y);
-        one.source = fit.sources[place];
-        sources.insert(k, one.source.x, one.source.y);
         std::copy_n(fit.covariance.begin() + 3 * place, 3, one.cov);
         one.misfit = fit.chi2 / double(std::max<size_t>(fit.n, 1));
+        one.good = fit.good();
     }
 
     std::vector<int32_t> group_of(int32_t k) const {
@@ -219,11 +239,11 @@ class Search {
         return o;
     }
 
-    // Each source again, now that all are there; then those that bring too little are taken out.
+    // Each source again, now that all are there.
     void settle() {
         polish();
         polish();
-        if (prune()) polish();
+        if (split()) polish();
     }
 
     void polish() {
@@ -235,21 +255,52 @@ class Search {
         const std::vector<int32_t> group = group_of(k);
         const std::vector<Source> now = of(group);
         open_window(now, group, -1);
-        const double before = fitter.judge(now).objective;
-        const Fit fit = fitter.run(now);
-        if (fit.objective < before - 1e-6 || !usable(fit)) return;
-        for (size_t j = 0; j < group.size(); ++j) {
-            if (j == 0) put(group[j], fit, j);
-            else {
-                Found &one = found[group[j]];
-                sources.remove(group[j], one.source.x, one.source.y);
-                one.source = fit.sources[j];
-                sources.insert(group[j], one.source.x, one.source.y);
-            }
+        const Fit fit = fitter.run(now, false);
+        if (fit.objective < fit.start - 1e-6 || !usable(fit)) return;
+        put(k, fit, 0);
+        for (size_t j = 1; j < group.size(); ++j) shift(group[j], fit.sources[j]);
+    }
+
+    // One source of free strength can look like two: each is tried as a pair, in three directions.
+    bool split() {
+        bool any = false;
+        if (f.factor_sigma == 0) return any;
+        for (size_t k = 0; k < found.size() && complete(); ++k) {
+            Found &one = found[k];
+            if (!one.alive || one.whole) continue;
+            one.whole = true;
+            any = halve(int32_t(k)) || any;
         }
+        return any;
+    }
+
+    bool halve(int32_t k) {
+        std::vector<int32_t> group = group_of(k);
+        if (int(group.size()) > std::max(s.group - 1, 1)) group.resize(std::max(s.group - 1, 1));
+        const std::vector<Source> now = of(group);
+        open_window(now, group, -1);
+        const double before = fitter.judge(now).objective;
+        Fit best;
+        best.objective = -INFINITY;
+        for (int turn = 0; turn < 3 && complete(); ++turn) {
+            const double arm = 0.5 * s.leader_radius, dx = arm * std::cos(turn * kSixth),
+                         dy = arm * std::sin(turn * kSixth);
+            std::vector<Source> start = now;
+            start.push_back(now[0]);
+            start.front().x += dx, start.front().y += dy;
+            start.back().x -= dx, start.back().y -= dy;
+            start.front().log_factor = start.back().log_factor -= 0.6931471805599453;
+            Fit fit = fitter.run(start, true, kTrialIterations);
+            if (fit.objective > best.objective) best = std::move(fit);
+        }
+        best = fitter.run(best.sources, true);
+        if (!(best.objective - before > s.split_gain) || !usable(best)) return false;
+        accept(best, group);
+        return true;
     }
 
     bool prune() {
+        const double least = std::min(s.gain, s.split_gain);
         bool any = false;
         for (size_t k = found.size(); k-- > 0 && complete();) {
             if (!found[k].alive) continue;
@@ -257,12 +308,12 @@ class Search {
             open_window(of(group), group, -1);
             const double with = fitter.judge(of(group)).objective;
             group.erase(group.begin());
-            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(of(group));
+            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(of(group), false);
             found[k].gain = with - rest.objective;
-            if (found[k].gain > s.gain) continue;
+            if (found[k].gain > least) continue;
             any = true;
             found[k].alive = false;
-            sources.remove(int32_t(k), found[k].source.x, found[k].source.y);
+            sources.remove(int32_t(k), found[k].source);
             if (!group.empty() && usable(rest))
                 for (size_t j = 0; j < group.size(); ++j) put(group[j], rest, j);
         }
@@ -272,7 +323,9 @@ class Search {
     const Field &f;
     const Settings &s;
     Fitter fitter;
-    Cells sensors, sources;
+    SensorIndex sensors;
+    double most_reach;
+    SourceIndex sources;
     std::vector<int32_t> stamp;
     std::vector<char> refused;
     int32_t mark = 0;

@@ -29,6 +29,7 @@ static Settings settings_from(const nb::dict &d) {
     s.group_radius = get(d, "group_radius_m");
     s.max_step = get(d, "max_step_m");
     s.gain = get(d, "gain");
+    s.split_gain = get(d, "split_gain");
     s.outlier_sigmas = get(d, "outlier_sigmas");
     s.group = int(get(d, "group"));
     s.rounds = int(get(d, "rounds"));

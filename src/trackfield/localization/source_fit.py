@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackfield._core import _sources
 from trackfield.errors import InputError
@@ -83,7 +84,16 @@ def locate(
 def nothing() -> Sources:
     """Return the sources of a scan in which there are none."""
     none, no_one = np.empty(0), np.empty(0, np.int32)
-    return Sources(np.empty((0, 2)), np.empty((0, 3)), none, none, no_one, none, no_one, True)
+    return Sources(
+        position=np.empty((0, 2)),
+        covariance=np.empty((0, 3)),
+        amplitude=none,
+        gain=none,
+        leader=no_one,
+        misfit=none,
+        suspects=no_one,
+        complete=True,
+    )
 
 
 def checked(sensors: Matrix, values: Vector) -> tuple[Matrix, Vector]:
@@ -95,8 +105,9 @@ def checked(sensors: Matrix, values: Vector) -> tuple[Matrix, Vector]:
             f"sensors of shape {places.shape} and values of shape {z.shape}: "
             "expected (n, 2) and (n,)"
         )
-    if not np.isfinite(places).all():
-        raise InputError(f"sensor {_first(~np.isfinite(places).all(1))}: its place is not finite")
+    stands = np.isfinite(places[:, 0]) & np.isfinite(places[:, 1])
+    if not stands.all():
+        raise InputError(f"sensor {_first(~stands)}: its place is not finite")
     if np.isinf(z).any():
         i = _first(np.isinf(z))
         raise InputError(f"sensor {i}: found {z[i]}, expected a number, or NaN if it did not speak")
@@ -122,5 +133,5 @@ def _checked_columns(models: SignalModels, n: int) -> list[Vector]:
     return found
 
 
-def _first(mask: Vector) -> int:
+def _first(mask: NDArray[np.bool_]) -> int:
     return int(np.flatnonzero(mask)[0])

@@ -18,12 +18,13 @@ _DOUBTFUL = 0.3  # placement error over spacing from which on leaders must be su
 class SourceSettings:
     """How sources are looked for in the readings of one scan.
 
-    A sensor may lead if its reading exceeds what the known sources explain by `leader_sigmas`, more
-    than any other within `leader_radius_m`. A source is fitted to the sensors within `fit_radius_m`,
-    together with up to `group` - 1 sources within `group_radius_m`, by steps of at most
-    `max_step_m`; it is kept if it raises the log-likelihood by more than `gain` [nats]. A reading
-    further off than `outlier_sigmas` is taken for a broken sensor's. `work` bounds the cost of a
-    scan, in pairs of sensor and source (about 10 ns each).
+    A sensor may lead if its reading exceeds what the known sources explain by `leader_sigmas`, and
+    more than any other within `leader_radius_m`. A source is fitted to the sensors within
+    `fit_radius_m`, together with up to `group` - 1 sources within `group_radius_m`, by steps of at
+    most `max_step_m`; it is kept if it raises the log-likelihood by more than `gain` [nats]. Where
+    strengths differ, it becomes two if that raises it by more than `split_gain`. A reading further
+    off than `outlier_sigmas` is taken for a broken sensor's. `work` bounds the cost of a scan, in
+    pairs of sensor and source.
     """
 
     leader_radius_m: float
@@ -32,6 +33,7 @@ class SourceSettings:
     max_step_m: float
     leader_sigmas: float = 4.5
     gain: float = 15.0
+    split_gain: float = 11.0
     outlier_sigmas: float = 6.0
     group: int = 5
     rounds: int = 3
@@ -40,14 +42,14 @@ class SourceSettings:
     def __post_init__(self) -> None:
         for name in ("leader_radius_m", "fit_radius_m", "group_radius_m", "max_step_m"):
             _require(name, getattr(self, name), least=1e-9)
-        for name in ("leader_sigmas", "gain", "outlier_sigmas"):
+        for name in ("leader_sigmas", "gain", "split_gain", "outlier_sigmas"):
             _require(name, getattr(self, name), least=0.1)
         for name in ("group", "rounds", "work"):
             _require(name, getattr(self, name), least=1)
 
 
 def settings_for(models: SignalModels, sensors: Matrix) -> SourceSettings:
-    """Settings that suit a field of `sensors` (n, 2): lengths follow the spacing of the sensors.
+    """Choose settings for `sensors` (n, 2): lengths follow their spacing.
 
     Where sensors are misplaced by .3 of the spacing or more, leaders must be surer.
     """

@@ -113,8 +113,7 @@ def jacobian(
     single = _single(models, sensors, targets, factors)
     if models.combination == "max":
         strongest = np.asarray(single.strength.argmax(-1), np.intp)
-        heard = np.arange(targets.shape[-2]) == strongest[..., None]
-        return single.gradient * heard[..., None]
+        return single.gradient * np.eye(targets.shape[-2])[strongest][..., None]
     return single.gradient
 
 
