@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from trackfield.localization import centroid
 from trackfield.localization.detection_cells import cell_likelihood
 from trackfield.metrics import ospa
 from trackfield.network import channel
@@ -43,9 +44,17 @@ def gospa(given: Case) -> Answer:
     }
 
 
+def leader_centroid(given: Case) -> Answer:
+    election = centroid.Election(given["theta"], given["R_s"])
+    sensors, z = (np.array(given[name], float) for name in ("sensors", "z"))
+    found = centroid.locate(sensors, z, election=election)
+    return {"leaders": found.leader, "estimates": found.position}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "p_cs": p_cs,
     "delay_pmf": delay_pmf,
     "cell_likelihood": cell_likelihood_,
     "gospa": gospa,
+    "leader_centroid": leader_centroid,
 }

@@ -10,6 +10,7 @@ constexpr int kIterations = 30;
 constexpr int kTrialIterations = 10;  // of a start that is one of several
 constexpr double kFew = 0.25;         // share of outliers that may be let go in a first fit
 constexpr int kSoftIterations = 4;   // with Huber's weights, before outliers are let go
+constexpr int kSoftStart = 12;       // the same where the fit begins with them
 constexpr double kDone = 1e-6;       // promised gain [nats] at which a fit ends
 constexpr double kFactorStep = 0.5;
 
@@ -33,6 +34,8 @@ struct Fit {
     bool good() const { return chi2 <= double(n) + 4.0 * std::sqrt(2.0 * double(n)); }
 };
 
+enum class Trust { all = 0, soft = 1, settled = 2 };
+
 class Fitter {
    public:
     std::vector<int32_t> sensors;     // the window
@@ -49,15 +52,16 @@ class Fitter {
         return o;
     }
 
-    // `few`: readings that are far off are let go only if they are few; else they may be of sources
-    // that are not known yet.
-    Fit run(const std::vector<Source> &start, bool few, int iterations = kIterations) {
+    // From a first guess all readings count, and those far off are let go only if they are few: else
+    // they may be of sources that are not known yet. A soft fit never follows any reading far; one that
+    // is settled lets go of what is far off where it begins.
+    Fit run(const std::vector<Source> &start, Trust trust, int iterations = kIterations) {
         Fit o;
         std::vector<Source> at = start;
         evaluate(at, now);
         finish(at, now, o);
         o.start = o.objective;
-        phase = 0;
+        phase = int(trust);
         weigh(now);
         normal(at, now);
         double damping = 0;
@@ -65,8 +69,8 @@ class Fitter {
         for (int k = 0; k < iterations && spent < s.work; ++k) {
             const bool solved = solve(damping);
             const bool ended = solved && promised < kDone && damping < 1.0;
-            if (ended || (phase == 1 && soft >= kSoftIterations)) {
-                if (phase == 2 || (phase == 0 && !robust(few))) break;
+            if (ended || (phase == 1 && soft >= (trust == Trust::soft ? kSoftStart : kSoftIterations))) {
+                if (phase == 2 || (phase == 0 && !few_are_off())) break;
                 ++phase;
                 soft = 0, damping = 0;
                 weigh(now);
@@ -232,14 +236,14 @@ class Fitter {
         }
     }
 
-    bool robust(bool few) const {
+    bool few_are_off() const {
         size_t near = 0, off = 0;
         for (size_t j = 0; j < now.r.size(); ++j) {
             const double e = std::fabs(now.r[j]) / std::sqrt(now.v[j]);
             near += e > s.outlier_sigmas - 1;
             off += e > s.outlier_sigmas;
         }
-        return near > 0 && (!few || double(off) <= kFew * double(now.r.size()));
+        return near > 0 && double(off) <= kFew * double(now.r.size());
     }
 
     void finish(const std::vector<Source> &at, const Terms &t, Fit &o) const {

@@ -179,20 +179,27 @@ class Search {
         open_window(start, group, i);
         const Fit before = fitter.judge(start);
         start.push_back(start_at(i));
-        Fit best = fitter.run(start, true);
-        if (!best.good() && !first) {
+        Fit best = fitter.run(start, Trust::all);
+        if (!best.good()) better(best, fitter.run(start, Trust::soft));
+        if (!best.good() && !(first && worthy(best, before))) {
             for (int k = 0; k < 6 && complete(); ++k) {
                 const double turn = k * kSixth, arm = 0.5 * s.leader_radius;
                 start.back() = {f.x(i) + arm * std::cos(turn), f.y(i) + arm * std::sin(turn), 0.0, i};
-                Fit other = fitter.run(start, true, kTrialIterations);
-                if (other.objective > best.objective) best = std::move(other);
+                better(best, fitter.run(start, Trust::all, kTrialIterations));
             }
-            best = fitter.run(best.sources, true);
+            better(best, fitter.run(best.sources, Trust::all));
         }
-        const bool promising = best.chi2 < 0.5 * before.chi2;
-        if (!(best.objective - before.objective > s.gain || promising) || !usable(best)) return false;
+        if (!worthy(best, before) || !usable(best)) return false;
         accept(best, group);
         return true;
+    }
+
+    bool worthy(const Fit &fit, const Fit &before) const {
+        return fit.objective - before.objective > s.gain || fit.chi2 < 0.5 * before.chi2;
+    }
+
+    static void better(Fit &best, Fit other) {
+        if (other.objective > best.objective) best = std::move(other);
     }
 
     void accept(const Fit &fit, const std::vector<int32_t> &group) {
@@ -255,7 +262,8 @@ class Search {
         const std::vector<int32_t> group = group_of(k);
         const std::vector<Source> now = of(group);
         open_window(now, group, -1);
-        const Fit fit = fitter.run(now, false);
+        Fit fit = fitter.run(now, Trust::settled);
+        if (!fit.good()) better(fit, fitter.run(now, Trust::soft));
         if (fit.objective < fit.start - 1e-6 || !usable(fit)) return;
         put(k, fit, 0);
         for (size_t j = 1; j < group.size(); ++j) shift(group[j], fit.sources[j]);
@@ -290,10 +298,9 @@ class Search {
             start.front().x += dx, start.front().y += dy;
             start.back().x -= dx, start.back().y -= dy;
             start.front().log_factor = start.back().log_factor -= 0.6931471805599453;
-            Fit fit = fitter.run(start, true, kTrialIterations);
-            if (fit.objective > best.objective) best = std::move(fit);
+            better(best, fitter.run(start, Trust::all, kTrialIterations));
         }
-        best = fitter.run(best.sources, true);
+        better(best, fitter.run(best.sources, Trust::all));
         if (!(best.objective - before > s.split_gain) || !usable(best)) return false;
         accept(best, group);
         return true;
@@ -308,7 +315,7 @@ class Search {
             open_window(of(group), group, -1);
             const double with = fitter.judge(of(group)).objective;
             group.erase(group.begin());
-            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(of(group), false);
+            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(of(group), Trust::settled);
             found[k].gain = with - rest.objective;
             if (found[k].gain > least) continue;
             any = true;

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
+from scipy import spatial
 
 from trackfield.errors import InputError
 from trackfield.localization.source_fit import Sources, checked, nothing
 from trackfield.types import Matrix, Vector
+
+_KDTree = cast("Any", spatial).KDTree  # which has no types
 
 _AT_ONCE = 256  # leaders whose neighbours are listed together: bounds the memory
 _FIRST = 9  # nearest neighbours that most sensors lose the election against
@@ -25,7 +28,11 @@ class Election(NamedTuple):
     sensing_range_m: float = 8.0
 
 
-def locate(sensors: Matrix, values: Vector, *, election: Election = Election()) -> Sources:
+OH = Election()
+"""Election of the paper's example, Oh IV.B.3, with R_s = 8."""
+
+
+def locate(sensors: Matrix, values: Vector, *, election: Election = OH) -> Sources:
     """Find centres of mass sum z s / sum z over the speakers within 2 R_s of each leader, Oh (12).
 
     As printed: everything within 2 R_s is pooled, so that neighbours merge and estimates are pulled
@@ -40,7 +47,7 @@ def locate(sensors: Matrix, values: Vector, *, election: Election = Election()) 
     if not speakers.size:
         return nothing()
     places, z = places[speakers], z[speakers]
-    tree = cKDTree(places)
+    tree = _KDTree(places)
     radius_m = 2.0 * election.sensing_range_m
     leaders: list[int] = []
     estimates: list[Vector] = []
@@ -48,8 +55,9 @@ def locate(sensors: Matrix, values: Vector, *, election: Election = Election()) 
     for k in range(0, len(candidates), _AT_ONCE):
         some = candidates[k : k + _AT_ONCE]
         for i, near in zip(some, tree.query_ball_point(places[some], radius_m), strict=True):
-            heard = np.array(near)
-            if not (_louder(z, heard, i)).any():
+            heard = np.asarray(near, np.intp)
+            louder = (z[heard] > z[i]) | ((z[heard] == z[i]) & (heard < i))
+            if not louder.any():
                 leaders.append(int(speakers[i]))
                 estimates.append(z[heard] @ places[heard] / z[heard].sum())
     unknown = np.full(len(leaders), np.nan)
@@ -65,15 +73,12 @@ def locate(sensors: Matrix, values: Vector, *, election: Election = Election()) 
     )
 
 
-def _loudest_nearby(tree: cKDTree, z: Vector, radius_m: float) -> Matrix:
+def _loudest_nearby(tree: Any, z: Vector, radius_m: float) -> NDArray[np.intp]:  # noqa: ANN401
     """Speakers louder than their nearest neighbours: only these need be heard by all in range."""
-    _, near = tree.query(tree.data, k=min(_FIRST, len(z)), distance_upper_bound=radius_m)
-    near = np.asarray(near).reshape(len(z), -1)
-    padded = np.append(z, -np.inf)
+    count = min(_FIRST, len(z))
+    _, found = tree.query(tree.data, k=[*range(1, count + 1)], distance_upper_bound=radius_m)
+    near = np.asarray(found, np.intp)
+    padded = np.append(z, -np.inf)  # the tree names one past the last where it finds no more
     own = np.arange(len(z))[:, None]
     beaten = (padded[near] > z[:, None]) | ((padded[near] == z[:, None]) & (near < own))
-    return np.flatnonzero(~beaten.any(1))
-
-
-def _louder(z: Vector, others: Matrix, i: int) -> Matrix:
-    return (z[others] > z[i]) | ((z[others] == z[i]) & (others < i))
+    return np.flatnonzero(~beaten.any(axis=1))
