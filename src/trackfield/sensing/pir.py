@@ -20,7 +20,7 @@ class PirWorld:
 
     The lens cuts the view into zones of alternating sign, `zone_deg` wide: a walker who crosses
     them makes the signal swing, one who comes straight at the sensor hardly does. The swing is
-    `swing_v` near by and falls by half at `half_m`, to an eighth at twice that. The element passes
+    `swing_v` near by and falls by half at `half_m`, to a ninth at twice that. The element passes
     what changes at `band_hz`. Noise is white, `noise_v`; drift (sun, temperature) an
     Ornstein-Uhlenbeck process of `drift_v` over `drift_s`; `plumes_per_s` clouds of warm air pass,
     each a slow swell of up to `plume_v` for about `plume_s`.
