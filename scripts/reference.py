@@ -35,6 +35,7 @@ ROOMS = (
     "hierarchy",
     "motion",
     "linalg",
+    "matching",
     "raster",
     "pipeline",
     "calibration",

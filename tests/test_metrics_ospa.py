@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import peers
+from trackfield import matching
 from trackfield.errors import InputError
-from trackfield.metrics import assignment
 from trackfield.metrics.ospa import gospa, ospa
 
 places = st.floats(-8, 8).map(lambda x: round(x, 3))
@@ -138,7 +138,7 @@ pair_lists = st.lists(
 ).map(lambda rows: list({(i, j): (i, j, w) for i, j, w in rows}.values()))
 
 
-@pytest.mark.parametrize("largest", [assignment.LARGEST_DENSE, 0])
+@pytest.mark.parametrize("largest", [matching.LARGEST_DENSE, 0])
 @given(pair_lists)
 def test_the_heaviest_matching_is_that_of_all_subsets(largest, rows):
     i, j, gain = np.array(rows, int).reshape(-1, 3).T
@@ -151,10 +151,10 @@ def test_the_heaviest_matching_is_that_of_all_subsets(largest, rows):
             stack.append((k + 1, worth, left, right))
             if i[k] not in left and j[k] not in right:
                 stack.append((k + 1, worth + gain[k], left | {i[k]}, right | {j[k]}))
-    usual, assignment.LARGEST_DENSE = assignment.LARGEST_DENSE, largest
+    usual, matching.LARGEST_DENSE = matching.LARGEST_DENSE, largest
     try:
-        chosen = assignment.heaviest(i, j, gain.astype(float))
+        chosen = matching.heaviest(i, j, gain.astype(float))
     finally:
-        assignment.LARGEST_DENSE = usual
+        matching.LARGEST_DENSE = usual
     assert gain[chosen].sum() == best
     assert np.unique(i[chosen]).size == np.unique(j[chosen]).size == chosen.sum()

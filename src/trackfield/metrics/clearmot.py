@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.metrics.assignment import heaviest
+from trackfield.matching import heaviest
 from trackfield.metrics.steps import Pairs, Steps
 
 MOSTLY, HARDLY = 0.8, 0.2  # shares of a target's life

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.metrics.assignment import heaviest
+from trackfield.matching import heaviest
 from trackfield.metrics.steps import Pairs, Steps
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.errors import InputError
-from trackfield.metrics.assignment import heaviest
+from trackfield.matching import heaviest
 from trackfield.metrics.steps import Pairs, Steps, distances
 from trackfield.types import Indices, Matrix, Vector
 
