@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from trackfield.association.partition import Life, Window, log_ratio
 from trackfield.localization import centroid
 from trackfield.localization.detection_cells import cell_likelihood
 from trackfield.metrics import ospa
@@ -51,10 +53,33 @@ def leader_centroid(given: Case) -> Answer:
     return {"leaders": found.leader, "estimates": found.position}
 
 
+def log_posterior_ratio(given: Case) -> Answer:
+    model, slot = given["model"], np.array(given["t"], np.int32)
+    slots, n = given["T"], slot.size
+    window = Window(
+        t_s=model["delta"] * np.arange(slots, dtype=float),
+        survival=np.full(slots, 1.0 - model["p_z"]),
+        slot=slot,
+        position=np.array(given["z"], float),
+        covariance=np.tile([model["R"], 0.0, model["R"]], (n, 1)),
+        log_birth=np.full(n, math.log(model["lambda_b"])),
+        log_false=np.full(n, math.log(model["lambda_f"])),
+        p_detection=np.full((slots, n), model["p_d"]),
+        life=Life(
+            math.sqrt(model["q_accel"]),
+            model["sigma_v0"],
+            model["delta"],
+            log_death=math.log(model["p_z"]),
+        ),
+    )
+    return {"log_ratio_to_all_false": [log_ratio(window, w) for w in given["partitions"]]}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "p_cs": p_cs,
     "delay_pmf": delay_pmf,
     "cell_likelihood": cell_likelihood_,
     "gospa": gospa,
     "leader_centroid": leader_centroid,
+    "log_posterior_ratio": log_posterior_ratio,
 }
