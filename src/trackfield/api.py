@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Literal, Protocol, cast, overload
+from typing import Any, Literal, Protocol, cast, overload
 
 from numpy.typing import ArrayLike
 
 from trackfield.calibration import ranges
-from trackfield.io.measurements import read_readings, readings_from_columns, stream_readings
+from trackfield.calibration.detection_site import CalibratedDetections, calibrate_detection_site
+from trackfield.io.data import data_from_columns, stream_data
+from trackfield.io.measurements import read_readings, readings_from_columns
 from trackfield.io.tracks import read_tracks
 from trackfield.io.truth import read_truth, truth_from_columns
 from trackfield.metrics.many import USUAL, ManyScore, Measure, asks_for_many, score_many
@@ -18,7 +21,10 @@ from trackfield.metrics.score import score as score_tagged
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
 from trackfield.pipeline import tagged
-from trackfield.types import Readings, Tracks, Truth
+from trackfield.pipeline.dispatch import source_of
+from trackfield.pipeline.extent import settled
+from trackfield.pipeline.untagged import Feed, track_unknown
+from trackfield.types import Readings, Reports, Tracks, Truth
 
 
 class Frame(Protocol):
@@ -32,47 +38,63 @@ class Frame(Protocol):
 
 File = str | Path
 Columns = Mapping[str, ArrayLike] | Frame
-Run = Readings | File | Columns
+Table = Readings | Reports
+Run = Table | File | Columns
 
 
 def track(
     site: Site | File,
-    readings: Run | Iterable[Readings | Columns],
+    data: Run | Iterable[Table | Columns],
     *,
     lag_s: float = 0.0,
     lag_steps: int = 0,
     every_s: float = 0.0,
+    seed: int = 0,
 ) -> Tracks:
-    """Track all tagged targets of a run; rows in order of time.
+    """Track all targets of a run; rows in order of time.
 
-    `site` is a `Site` or the path of its file. `readings` are `Readings`, the path of a file, a
-    mapping of columns or a data frame (`t_s`, `sensor_id`, `kind`, `value`, and what else
-    `measurements.csv` may have), or chunks of any of these in order. `lag_s` (or `lag_steps`, in
-    updates) asks for positions that much later and better; `every_s` thins the rows.
+    `site` is a `Site` or the path of its file. `data` are `Readings` or `Reports`, the path of a
+    file, a mapping of columns or a data frame (those of `measurements.csv` or of `reports.csv`), or
+    chunks of any of these in order. What they are decides how they are tracked: ranges by the tags
+    that they name; reports, signals and detections as of unknown targets, by the site's
+    `tracker.method`, for which `seed` is. A region or step that the site leaves open is derived
+    from them. `lag_s` (or `lag_steps`, in updates) asks for positions that much later and better;
+    `every_s` thins the rows.
 
-    `ConfigurationError` for a site and `InputError` for readings that cannot be used.
+    `ConfigurationError` for a site and `InputError` for data that cannot be used.
     """
     place = _site(site)
-    if isinstance(readings, str | Path):
-        chunks = stream_readings(readings, sensor_ids=place.sensor_ids)
-    elif isinstance(readings, Iterable) and not _is_run(readings):
-        chunks = (_whole(place, chunk) for chunk in readings)
+    if isinstance(data, str | Path):
+        chunks = stream_data(data, sensor_ids=place.sensor_ids)
+    elif isinstance(data, Iterable) and not _is_run(data):
+        chunks = (_whole(place, chunk) for chunk in cast("Iterable[Table | Columns]", data))
     else:
-        chunks = [_whole(place, cast("Run", readings))]
-    run = tagged.track(place, chunks, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
-    return run.tracks
+        chunks = iter([_whole(place, cast("Table | Columns", data))])
+    lags: dict[str, Any] = {"lag_s": lag_s, "lag_steps": lag_steps, "every_s": every_s}
+    first = next(chunks, None)
+    source = None if first is None else source_of(first)
+    whole = itertools.chain([] if first is None else [first], chunks)
+    if source is None:
+        return tagged.track(place, cast("Iterable[Readings]", whole), **lags).tracks
+    if place.reports.region is None or place.reports.step_s is None:
+        whole = list(whole)
+        place = settled(place, whole)
+    return track_unknown(place, whole, Feed(source, seed), **lags).tracks
 
 
 def calibrate(
-    site: Site | File, readings: Run, truth: Truth | File | Columns
-) -> ranges.Calibration:
+    site: Site | File, readings: Readings | File | Columns, truth: Truth | File | Columns
+) -> ranges.Calibration | CalibratedDetections:
     """Learn the sensors' models of a site from a run whose truth is known.
 
-    The calibrated site is the result's `site`; `trackfield.write_site` keeps it. Arguments and
-    errors are those of `track`.
+    Of ranges or of detections, whichever the readings are. The calibrated site is the result's
+    `site`; `trackfield.write_site` keeps it. Arguments and errors are those of `track`.
     """
     place = _site(site)
-    return ranges.calibrate(place, _whole(place, readings), _truth(truth))
+    table = _readings(place, readings)
+    if source_of(table) == "detection":
+        return calibrate_detection_site(place, table, _truth(truth))
+    return ranges.calibrate(place, table, _truth(truth))
 
 
 @overload
@@ -145,11 +167,17 @@ def _truth(truth: Truth | File | Columns) -> Truth:
 
 def _is_run(value: object) -> bool:
     """Tell one run from an iterable of chunks; rows of numbers are a run, if a wrong one."""
-    whole = isinstance(value, Readings | Mapping)
+    whole = isinstance(value, Readings | Reports | Mapping)
     return whole or hasattr(value, "columns") or hasattr(value, "dtype")
 
 
-def _whole(site: Site, readings: Run) -> Readings:
+def _whole(site: Site, data: Table | Columns) -> Table:
+    if isinstance(data, Readings | Reports):
+        return data
+    return data_from_columns(data, sensor_ids=site.sensor_ids)
+
+
+def _readings(site: Site, readings: Readings | File | Columns) -> Readings:
     if isinstance(readings, Readings):
         return readings
     if isinstance(readings, str | Path):

@@ -6,7 +6,7 @@ import json
 import math
 import struct
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -23,7 +23,8 @@ from trackfield.pipeline.rows import Row, Shown, tell, tracks_of
 from trackfield.pipeline.scene import scene
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.slots import Closing, Rules, Slots
-from trackfield.types import Report, Tracks
+from trackfield.pipeline.tagged import Run
+from trackfield.types import Report, Tracks, concatenate_tracks
 
 _REMEMBERED = 64  # scans whose reports can be looked up
 _COUNTS = ("accepted", "delayed", "duplicate", "late", "ahead", "outside", "flooded")
@@ -259,3 +260,22 @@ def _scan(t_s: float, position: Any, covariance: Any, number: Any) -> ReportScan
         np.array(covariance, np.float64).reshape(-1, 3),
         np.array(number, np.int32),
     )
+
+
+def track_unknown(
+    site: Site,
+    tables: Iterable[Table],
+    feed: Feed = Feed(),  # noqa: B008 - an immutable value
+    *,
+    lag_s: float = 0.0,
+    lag_steps: int = 0,
+    every_s: float = 0.0,
+) -> Run:
+    """Track the unknown targets of a whole run; rows in order of time.
+
+    A run without a target is a run: it has no rows.
+    """
+    tracker = UntaggedTracker(site, feed, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
+    parts = [tracker.process(table) for table in tables]
+    parts.append(tracker.finish())
+    return Run(concatenate_tracks(parts), tracker.counts)
