@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from trackfield.association.bernoulli import Bernoulli
+from trackfield.association.bernoulli_settings import BernoulliSettings
 from trackfield.association.contract import AnyAssociator
 from trackfield.association.model import Scene
 from trackfield.errors import ConfigurationError
@@ -18,4 +20,14 @@ def front_of(site: Site, scene: Scene, *, source: Source) -> Front:
 
 def associator_of(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
     """Make the tracker that the site's `tracker.method` names."""
-    raise ConfigurationError([f"site {site.name}: tracker.method: found {site.tracker.method!r}"])
+    window = site.tracker.window_steps
+    match site.tracker.method:
+        case "bernoulli":
+            return Bernoulli(scene, BernoulliSettings(window_steps=window, history_steps=window))
+        case "jipda":
+            collapsed = BernoulliSettings(recent_scans=0, window_steps=window, history_steps=window)
+            return Bernoulli(scene, collapsed)
+        case _:
+            raise ConfigurationError(
+                [f"site {site.name}: tracker.method: found {site.tracker.method!r}"]
+            )
