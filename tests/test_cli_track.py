@@ -10,7 +10,7 @@ import time
 import pytest
 
 import cli_runs
-from trackfield.cli.track import Lag, parse_lag
+from trackfield.cli.runs import Lag, parse_lag
 from trackfield.errors import ConfigurationError
 
 

@@ -14,8 +14,9 @@ import typer
 
 from trackfield.cli.calibrate import calibrated
 from trackfield.cli.output import check_figure, progress, say, show_table
+from trackfield.cli.runs import Lag, Wanted
 from trackfield.cli.score import COLUMNS, cells
-from trackfield.cli.track import Lag, Wanted, draw, run_tracker
+from trackfield.cli.track_tagged import draw, run_tracker
 
 if TYPE_CHECKING:
     from trackfield.metrics.score import Score

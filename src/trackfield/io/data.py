@@ -44,9 +44,14 @@ def data_from_columns(
 
 
 def holds_reports(path: str | Path) -> bool:
-    """Tell whether a file is one of reports; one that cannot be told is left to its reader."""
+    """Tell whether a file is one of reports; one that cannot be told is left to its reader.
+
+    A pipe cannot be told: what is looked at would be gone.
+    """
     path = Path(path)
     suffix = suffix_of(path, geojson=False)
+    if not path.is_file():
+        return False
     try:
         if suffix == ".parquet":
             return _of_reports(parquet_module(path).read_schema(path).names)
