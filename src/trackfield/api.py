@@ -21,9 +21,9 @@ from trackfield.metrics.score import score as score_tagged
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
 from trackfield.pipeline import tagged
-from trackfield.pipeline.dispatch import source_of
+from trackfield.pipeline.dispatch import feed_of, source_of
 from trackfield.pipeline.extent import settled
-from trackfield.pipeline.untagged import Feed, track_unknown
+from trackfield.pipeline.untagged import track_unknown
 from trackfield.types import Readings, Reports, Tracks, Truth
 
 
@@ -72,14 +72,14 @@ def track(
         chunks = iter([_whole(place, cast("Table | Columns", data))])
     lags: dict[str, Any] = {"lag_s": lag_s, "lag_steps": lag_steps, "every_s": every_s}
     first = next(chunks, None)
-    source = None if first is None else source_of(first)
+    feed = None if first is None else feed_of(first, seed=seed)
     whole = itertools.chain([] if first is None else [first], chunks)
-    if source is None:
+    if feed is None:
         return tagged.track(place, cast("Iterable[Readings]", whole), **lags).tracks
     if place.reports.region is None or place.reports.step_s is None:
         whole = list(whole)
         place = settled(place, whole)
-    return track_unknown(place, whole, Feed(source, seed), **lags).tracks
+    return track_unknown(place, whole, feed, **lags).tracks
 
 
 def calibrate(

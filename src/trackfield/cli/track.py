@@ -21,7 +21,7 @@ from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
-    from trackfield.pipeline.fronts import Source
+    from trackfield.pipeline.untagged import Feed
 
 _NO_PLOT = "--truth: found no --plot, expected a picture to draw it into"
 
@@ -65,7 +65,6 @@ def track(
     from trackfield.cli import track_unknown as unknown
     from trackfield.io.truth import read_truth
     from trackfield.network.site_file import load_site
-    from trackfield.pipeline.untagged import Feed
 
     loaded = load_site(site)
     if truth is not None and plot is None:
@@ -77,18 +76,17 @@ def track(
         check_output(plot, inputs)
     known = read_truth(truth) if truth is not None else None
     wanted = Wanted(parse_lag(lag), every, keep=plot is not None)
-    source = source_of_file(loaded, data)
+    feed = feed_of_file(loaded, data, seed)
     with progress("tracking") as moved:
-        if source is None:
+        if feed is None:
             loaded = tagged.prepared(loaded, site, method=method)
             run = tagged.run_tracker(loaded, data, output, wanted=wanted, moved=moved)
         else:
-            loaded = unknown.prepared(loaded, data, source=source, method=method)
-            feed = Feed(source, seed)
+            loaded = unknown.prepared(loaded, data, source=feed.source, method=method)
             run = unknown.run_tracker(loaded, data, output, feed=feed, wanted=wanted, moved=moved)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
     if plot is not None:
-        draw = tagged.draw if source is None else unknown.draw
+        draw = tagged.draw if feed is None else unknown.draw
         draw(loaded, run.kept, known, plot)
         result["plot"] = str(plot)
     if as_json:
@@ -101,31 +99,32 @@ def track(
         say(f"{plot}: drawn")
 
 
-def source_of_file(site: Site, data: Path) -> Source | None:
-    """Tell by its columns and first rows what a file holds; None for tagged ranges.
+def feed_of_file(site: Site, data: Path, seed: int) -> Feed | None:
+    """Tell by its columns and first rows how a file is tracked; None for tagged ranges.
 
     What a pipe holds is told by the site.
     """
     from trackfield.io.data import holds_reports
     from trackfield.io.measurements import stream_readings
     from trackfield.network.kinds import kind_of
-    from trackfield.pipeline.dispatch import source_of
+    from trackfield.pipeline.dispatch import feed_of
+    from trackfield.pipeline.untagged import Feed
 
     if holds_reports(data):
-        return "reports"
+        return Feed("reports", seed)
     kinds = {kind_of(model) for model in site.models}
     if kinds == {"range"}:
         return None  # nothing else can be tracked on such a site
     if data.is_fifo():
         match [*kinds]:
             case []:
-                return "reports"
+                return Feed("reports", seed)
             case ["signal"]:
-                return "signal"
+                return Feed("signal", seed)
             case ["detection"]:
-                return "detection"
+                return Feed("detection", seed)
             case _:
                 expected = "a file, as its sensors are of several kinds"
                 raise ConfigurationError([f"{data}: found a pipe, expected {expected}"])
     with naming(data):
-        return source_of(next(stream_readings(data, sensor_ids=site.sensor_ids)))
+        return feed_of(next(stream_readings(data, sensor_ids=site.sensor_ids)), seed=seed)

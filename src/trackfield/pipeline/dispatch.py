@@ -6,7 +6,22 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.pipeline.fronts import Source, Table
-from trackfield.types import Reports
+from trackfield.pipeline.untagged import Feed
+from trackfield.types import Readings, Reports
+
+
+def feed_of(table: Table, *, seed: int = 0) -> Feed | None:
+    """Tell by the first rows of a run how it is tracked; None for tagged ranges.
+
+    Binary sensors that say 0 at all say it always.
+    """
+    source = source_of(table)
+    if source is None:
+        return None
+    says_zero = (
+        source == "detection" and isinstance(table, Readings) and bool(np.any(table.value == 0.0))
+    )
+    return Feed(source, seed, says_zero)
 
 
 def source_of(table: Table) -> Source | None:

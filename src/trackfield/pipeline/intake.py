@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.errors import InputError
+from trackfield.network.kinds import kind_of
 from trackfield.network.site import Site
 from trackfield.raster import Region
 from trackfield.types import Indices, Matrix, Readings, Reports, Vector
@@ -72,6 +73,12 @@ def reading_rows(readings: Readings, site: Site, *, kind: str) -> Rows:
         ~kinds[readings.kind],
         lambda row: f"kind {readings.kinds[int(readings.kind[row])]!r}",
         f"{kind!r} as before: readings of several kinds are tracked one kind at a time",
+    )
+    of_kind = np.array([kind_of(model) == kind for model in site.models], bool)
+    _refuse(
+        ~of_kind[sensor],
+        lambda row: f"a reading of {kind!r} from {site.sensor_ids[int(sensor[row])]!r}",
+        f"one from a sensor whose model is of that kind in site {site.name}",
     )
     _refuse(
         readings.target >= 0,

@@ -8,18 +8,22 @@ from trackfield.association.contract import AnyAssociator
 from trackfield.association.model import Scene
 from trackfield.errors import ConfigurationError
 from trackfield.network.site import Site
-from trackfield.pipeline.fronts import Front, ReportFront, Source
+from trackfield.pipeline.fronts import DetectionFront, Front, ReportFront, SignalFront, Source
 
 
 def front_of(site: Site, scene: Scene, *, source: Source) -> Front:
     """Make what turns tables of a source into scans; `ConfigurationError` for a wrong site."""
-    if source == "reports":
-        return ReportFront(site, scene.reporting.region)
-    raise ConfigurationError([f"found source {source!r}, expected 'reports'"])
+    match source:
+        case "reports":
+            return ReportFront(site, scene.reporting.region)
+        case "signal":
+            return SignalFront(site)
+        case "detection":
+            return DetectionFront(site)
 
 
 def associator_of(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
-    """Make the tracker that the site's `tracker.method` names."""
+    """Make the tracker of reports that the site's `tracker.method` names."""
     window = site.tracker.window_steps
     match site.tracker.method:
         case "bernoulli":

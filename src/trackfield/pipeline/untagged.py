@@ -14,10 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackfield.association.contract import AnyAssociator, Explanation, ReportScan
+from trackfield.association.detect import FieldExplanation
+from trackfield.association.model import Scene
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.network.site import Site
 from trackfield.pipeline import slots_archive
-from trackfield.pipeline.fronts import Front, Source, Table
+from trackfield.pipeline.detections import detector
+from trackfield.pipeline.fronts import Front, Scan, Source, Table
 from trackfield.pipeline.methods import associator_of, front_of
 from trackfield.pipeline.rows import Row, Shown, tell, tracks_of
 from trackfield.pipeline.scene import scene
@@ -36,12 +39,14 @@ class Feed(NamedTuple):
     """What comes in, and how it is tracked.
 
     `source` says what tables `process` takes: `Reports`, or `Readings` of kind `signal` or
-    `detection`. `associator` takes the place of the site's `tracker.method`; `seed` is for methods
-    in which there is chance.
+    `detection`; detections are tracked as they are, the others by the site's `tracker.method`, or
+    by `associator` in its place. `seed` is for methods in which there is chance. With `says_zero`
+    binary sensors say 0 where they see nothing: then one that is not heard was not silent.
     """
 
     source: Source = "reports"
     seed: int = 0
+    says_zero: bool = False
     associator: AnyAssociator | None = None
 
 
@@ -76,9 +81,7 @@ class UntaggedTracker:
         window = max(site.tracker.window_steps, self._lag + 1)
         site = replace(site, tracker=replace(site.tracker, window_steps=window))
         self._front: Front = front_of(site, told, source=feed.source)
-        self._associator: AnyAssociator = feed.associator or associator_of(
-            site, told, seed=feed.seed
-        )
+        self._method = _method(site, told, feed)
         self._rules = Rules(
             step_s=step_s,
             window=window,
@@ -93,11 +96,11 @@ class UntaggedTracker:
             [astuple(part) for part in (site.target, site.tracker, site.reports)],
             [astuple(group) for group in site.groups],
             None if site.network is None else astuple(site.network),
-            (feed.source, feed.seed, type(self._associator).__name__),
+            (feed.source, feed.seed, feed.says_zero, type(self._method).__name__),
             (self._lag, self._every_s),
         )
         self._slots = Slots(self._rules, self._front.width)
-        self._state: Any = self._associator.initial()
+        self._state: Any = self._method.initial()
         self._scans: deque[ReportScan] = deque(maxlen=_REMEMBERED + window)
         self._shown: Shown = {}
         self._counts: Counter[str] = Counter()
@@ -147,12 +150,13 @@ class UntaggedTracker:
             rows += self._rows(lag)
         return tracks_of(rows)
 
-    def explain(self, track_id: int) -> Explanation | None:
+    def explain(self, track_id: int) -> Explanation | FieldExplanation | None:
         """Say why a track is there: existence, since when, its reports, and what else may be.
 
-        None where no track has this number now. `report` looks up the numbers of reports.
+        Of detections: which sensors speak for it. None where no track has this number now. `report`
+        looks up the numbers of reports.
         """
-        return self._associator.explain(self._state, track_id)
+        return self._method.explain(self._state, track_id)
 
     def report(self, number: int) -> Report | None:
         """Look up one of the reports of the last steps by its number; None if it is forgotten."""
@@ -177,7 +181,7 @@ class UntaggedTracker:
         parts = (
             json.dumps(head).encode(),
             slots_archive.pack(self._slots),
-            self._associator.encode(self._state),
+            self._method.encode(self._state),
         )
         sizes = struct.pack("<QQQ", *(len(part) for part in parts))
         return seal(sizes + b"".join(parts), self._maker)
@@ -193,7 +197,7 @@ class UntaggedTracker:
         except ValueError as error:
             raise StateError(f"found a damaged snapshot: {error}") from error
         slots = slots_archive.unpack(second, self._rules)
-        self._state = self._associator.decode(third)
+        self._state = self._method.decode(third)
         self._slots = slots
         self._counts = Counter(head["counts"])
         self._method_counts = Counter(head["method_counts"])
@@ -209,21 +213,26 @@ class UntaggedTracker:
 
     def _step(self, closing: Closing) -> list[Row]:
         """Close a step: late rows go to their scans, its own make the next; its rows."""
-        time, late = self._slots.time, list[ReportScan]()
+        time, late = self._slots.time, list[Scan]()
         for one in closing.late:
             late.append(self._front.late(time(one.slot), one, self._next_report))
-            self._next_report += len(late[-1].number)
+            self._remember(late[-1])
         scan = self._front.scan(time(closing.slot), closing.rows, self._next_report)
-        self._next_report += len(scan.number)
-        self._state, info = self._associator.step(self._state, scan, late)
+        self._remember(scan)
+        self._state, info = self._method.step(self._state, scan, late)
         self._method_counts.update(info.counts)
         self._counts["steps"] += 1
         self._learned = dict(info.learned)
-        self._scans.extend(one for one in (*late, scan) if len(one.number))
         return self._rows(self._lag) if self._counts["steps"] > self._lag else []
 
+    def _remember(self, scan: Scan) -> None:
+        """Count the reports of a scan, and keep them to be looked up."""
+        if isinstance(scan, ReportScan) and len(scan.number):
+            self._next_report += len(scan.number)
+            self._scans.append(scan)
+
     def _rows(self, lag: int) -> list[Row]:
-        believed = self._associator.estimates(self._state, lag)
+        believed = self._method.estimates(self._state, lag)
         if believed.t_s < self._last_told_s + self._every_s * (1.0 - _SLACK):
             return []
         self._last_told_s = believed.t_s
@@ -232,6 +241,14 @@ class UntaggedTracker:
         self._counts["started"] += told.started
         self._counts["ended"] += told.ended
         return told.rows
+
+
+def _method(site: Site, told: Scene, feed: Feed) -> Any:  # noqa: ANN401 - trackers of two kinds of scans
+    if feed.associator is not None:
+        return feed.associator
+    if feed.source == "detection":
+        return detector(site, told, seed=feed.seed, says_zero=feed.says_zero)
+    return associator_of(site, told, seed=feed.seed)
 
 
 def _lag_steps(lag_s: float, lag_steps: int, *, every_s: float, step_s: float) -> int:
