@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from trackfield.association.bernoulli import Bernoulli
 from trackfield.association.bernoulli_settings import BernoulliSettings
 from trackfield.association.contract import AnyAssociator
+from trackfield.association.mcmcda import Mcmcda
 from trackfield.association.model import Scene
-from trackfield.errors import ConfigurationError
-from trackfield.network.site import Site
+from trackfield.association.nearest import Nearest
+from trackfield.association.nearest_step import NearestSettings
+from trackfield.association.sampling import Sampling
+from trackfield.network.site import Site, Target
 from trackfield.pipeline.fronts import DetectionFront, Front, ReportFront, SignalFront, Source
+
+_LONGEST_WINDOW = 64  # steps that MCMCDA samples
 
 
 def front_of(site: Site, scene: Scene, *, source: Source) -> Front:
@@ -29,9 +36,22 @@ def associator_of(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
         case "bernoulli":
             return Bernoulli(scene, BernoulliSettings(window_steps=window, history_steps=window))
         case "jipda":
-            collapsed = BernoulliSettings(recent_scans=0, window_steps=window, history_steps=window)
-            return Bernoulli(scene, collapsed)
-        case _:
-            raise ConfigurationError(
-                [f"site {site.name}: tracker.method: found {site.tracker.method!r}"]
+            one_gaussian = BernoulliSettings(
+                recent_scans=0, window_steps=window, history_steps=window
             )
+            return Bernoulli(scene, one_gaussian)
+        case "mcmcda":
+            return Mcmcda(scene, _sampling(site, seed))
+        case "gnn":
+            return Nearest(scene, NearestSettings(pairing="optimal", window_steps=window))
+        case "nearest":
+            return Nearest(scene, NearestSettings(pairing="greedy", window_steps=window))
+
+
+def _sampling(site: Site, seed: int) -> Sampling:
+    """Sample the window that late reports need, and no less than the usual one."""
+    usual = Sampling()
+    window = min(max(usual.window, site.tracker.window_steps), _LONGEST_WINDOW)
+    told = site.target.max_speed_m_s
+    speed = None if told == Target().max_speed_m_s else told
+    return replace(usual, window=window, max_speed_m_s=speed, seed=seed)
