@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import peers
@@ -61,6 +61,7 @@ def test_all_rows_are_matched_missed_or_false(seed):
     assert found.mota <= 1.0
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.floats(0, 6.28), st.permutations(range(6)))
 def test_numbers_of_tracks_and_the_frame_of_reference_say_nothing(seed, angle, order):
     truth, tracks = random_run(np.random.default_rng(seed), targets=3, false=2)

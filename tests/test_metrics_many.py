@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benches import load
@@ -92,6 +92,7 @@ def test_cardinality_is_signed_and_not():
     assert found.cardinality_error == pytest.approx(15 / 20)
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.randoms(use_true_random=False))
 def test_the_order_of_rows_says_nothing(seed, random):
     truth, tracks = random_run(np.random.default_rng(seed), targets=3, false=2)

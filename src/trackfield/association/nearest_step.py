@@ -66,7 +66,9 @@ def advance(held: Held, scan: ReportScan, scene: Scene, settings: NearestSetting
     left = (missed > 0) & ~scene.reporting.region.contains(mean[:, :2])
     patience = np.where(confirmed, settings.drop_misses, settings.drop_tentative)
     stays = np.flatnonzero((missed < patience) & ~left)
-    free = np.setdiff1d(np.arange(scan.number.size), report)
+    used = np.zeros(scan.number.size, bool)
+    used[report[seen]] = True
+    free = np.flatnonzero(~used)
     room = max(settings.max_tracks - stays.size, 0)
     begun = free[:room]
     fresh = _begin(scan, begun, noise[begun], scene.targets.velocity_sigma_m_s)
