@@ -200,7 +200,7 @@ def test_garbled_reports_are_anywhere_in_the_region():
 
 def test_rows_and_joins_keep_names_and_order():
     table = readings([0.0, 1.0, 2.0], [1, 2, 3], [1, 1, 1])
-    both = joined(rows(table, slice(1)), rows(table, np.array([2, 1])))
+    both = joined([rows(table, slice(1)), rows(table, np.array([2, 1]))])
     assert both.t_s.tolist() == [0.0, 2.0, 1.0]
     assert both.sensor_ids == table.sensor_ids
     late = rows(both, slice(None))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -65,10 +65,7 @@ def cells_of(
     """Cells of a column; numbers come back exactly if their `decimals` are not said."""
     blank = dialect.blank
     if isinstance(column, Names):
-        for name in column.names:
-            _check_name(name)
-        texts = [*(dialect.name(name).encode() for name in column.names), blank]
-        return text_cells(texts)[column.places]  # -1 is the last one
+        return name_cells(column.names, dialect)[column.places]
     if decimals is not None:
         return fixed_cells(column, decimals, blank=blank)
     if column.dtype.kind != "f":
@@ -77,6 +74,13 @@ def cells_of(
         raise InputError("found an infinite number, expected finite ones")
     texts = [repr(value).encode() for value in column.tolist()]
     return text_cells([blank if text == b"nan" else text for text in texts])
+
+
+def name_cells(names: Sequence[str], dialect: Dialect) -> Cells:
+    """Cells of names, and at last that of none: the place -1 of a column."""
+    for name in names:
+        _check_name(name)
+    return text_cells([*(dialect.name(name).encode() for name in names), dialect.blank])
 
 
 def rows_of(columns: Mapping[str, Cells], dialect: Dialect) -> bytes:
@@ -97,19 +101,45 @@ def write_table(path: Path, columns: Columns) -> None:
         with replacing(path) as file, saying(path):
             parquet.write_table(arrow_table(columns), file)
         return
-    dialect = CSV if suffix == ".csv" else NDJSON
-    length = max(
+    write_tables(path, [columns])
+
+
+def write_tables(path: Path, tables: Iterable[Columns]) -> None:
+    """Write tables that have the same columns, one below the other, as CSV or NDJSON.
+
+    They are written as they come, and the file gets its name when it is complete.
+    """
+    dialect = CSV if suffix_of(path, geojson=False) == ".csv" else NDJSON
+    names: dict[tuple[str, ...], Cells] = {}  # the texts of names, made once
+    with replacing(path) as file:
+        for number, columns in enumerate(tables):
+            if not number:
+                with saying(path):
+                    file.write(dialect.header(list(columns)))
+            for start in range(0, _length(columns), _CHUNK_ROWS):
+                part = {
+                    name: _cells(_rows(column, start), dialect, names)
+                    for name, column in columns.items()
+                }
+                with saying(path):
+                    file.write(rows_of(part, dialect))
+
+
+def _length(columns: Columns) -> int:
+    return max(
         len(column.places if isinstance(column, Names) else column) for column in columns.values()
     )
-    with replacing(path) as file:
-        with saying(path):
-            file.write(dialect.header(list(columns)))
-        for start in range(0, length, _CHUNK_ROWS):
-            part = {
-                name: cells_of(_rows(column, start), dialect) for name, column in columns.items()
-            }
-            with saying(path):
-                file.write(rows_of(part, dialect))
+
+
+def _cells(
+    column: NDArray[Any] | Names, dialect: Dialect, known: dict[tuple[str, ...], Cells]
+) -> Cells:
+    """Cells of a column, of names by their `known` texts."""
+    if not isinstance(column, Names):
+        return cells_of(column, dialect)
+    if column.names not in known:
+        known[column.names] = name_cells(column.names, dialect)
+    return known[column.names][column.places]
 
 
 def _rows(column: NDArray[Any] | Names, start: int) -> NDArray[Any] | Names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import NamedTuple, TypeVar
 
@@ -20,7 +21,7 @@ Table = TypeVar("Table", Readings, Reports)
 class Passed(NamedTuple):
     """Counts of messages: `unreached` of those lost had no way, `delayed` of the others came late.
 
-    `dead` nodes never said what their sensors would have.
+    What `dead` nodes and `silent` ones have not said is not among those sent.
     """
 
     sent: int = 0
@@ -29,6 +30,7 @@ class Passed(NamedTuple):
     unreached: int = 0
     delayed: int = 0
     garbled: int = 0
+    silent: int = 0
 
     def plus(self, other: Passed) -> Passed:
         """Add up, count by count."""
@@ -36,14 +38,21 @@ class Passed(NamedTuple):
 
 
 def pass_readings(
-    readings: Readings, network: Network, rng: np.random.Generator
+    readings: Readings,
+    network: Network,
+    rng: np.random.Generator,
+    *,
+    sent_s: Vector | None = None,
 ) -> tuple[Readings, Passed]:
     """Send each reading from its sensor to its leader; those that arrive, in order of arrival.
 
+    They are sent at `sent_s` (n,) where clocks tell another time, else at their own.
     `Readings.sensor` are the places of the network's nodes. A garbled detection is turned about;
     any other value is off by a log-normal factor, as by wrong bits.
     """
-    arrived, wrong, passed = _sent(readings.t_s, readings.sensor, network, rng)
+    arrived, wrong, passed = _sent(
+        readings.t_s if sent_s is None else sent_s, readings.sensor, network, rng
+    )
     binary = np.array([kind == "detection" for kind in readings.kinds], np.bool_)
     value = np.where(
         binary[readings.kind] if binary.size else False,
@@ -55,14 +64,22 @@ def pass_readings(
 
 
 def pass_reports(
-    reports: Reports, network: Network, rng: np.random.Generator, *, region: Region
+    reports: Reports,
+    network: Network,
+    rng: np.random.Generator,
+    *,
+    region: Region,
+    origin: Indices | None = None,
+    sent_s: Vector | None = None,
 ) -> tuple[Reports, Passed]:
-    """Send each report from the node nearest to it to its leader; those that arrive, in order.
+    """Send each report from a node to its leader; those that arrive, in order of arrival.
 
-    A garbled report has a position anywhere in the region.
+    The node is `origin` (n,), else the living one that is nearest to the report. They are sent at
+    `sent_s` (n,) where clocks tell another time, else at their own. A garbled report has a position
+    anywhere in the region.
     """
-    origin = leaders_at(network, reports.position[:, :2])
-    arrived, wrong, passed = _sent(reports.t_s, origin, network, rng)
+    node = leaders_at(network, reports.position[:, :2]) if origin is None else origin
+    arrived, wrong, passed = _sent(reports.t_s if sent_s is None else sent_s, node, network, rng)
     position = reports.position.copy()
     anywhere = rng.uniform(region[:2], region[2:], (len(reports), 2))
     position[:, :2] = np.where(wrong[:, None], anywhere, position[:, :2])
@@ -75,7 +92,7 @@ def in_order(table: Table) -> Table:
     return rows(table, order[: np.count_nonzero(np.isfinite(table.arrival_s))])
 
 
-def rows(table: Table, places: NDArray[np.intp] | slice) -> Table:
+def rows(table: Table, places: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Table:
     """Take some rows of a table; its names stay."""
     columns = {
         field.name: getattr(table, field.name)[places]
@@ -85,14 +102,14 @@ def rows(table: Table, places: NDArray[np.intp] | slice) -> Table:
     return replace(table, **columns)
 
 
-def joined(first: Table, second: Table) -> Table:
-    """Join the rows of two tables that share their names."""
+def joined(tables: Sequence[Table]) -> Table:
+    """Join the rows of tables, at least one, that share their names."""
     columns = {
-        field.name: np.concatenate([getattr(first, field.name), getattr(second, field.name)])
-        for field in fields(first)
-        if isinstance(getattr(first, field.name), np.ndarray)
+        field.name: np.concatenate([getattr(table, field.name) for table in tables])
+        for field in fields(tables[-1])
+        if isinstance(getattr(tables[-1], field.name), np.ndarray)
     }
-    return replace(second, **columns)
+    return replace(tables[-1], **columns)
 
 
 def _sent(

@@ -1,0 +1,162 @@
+"""A scenario: a field of sensors, what moves in it, the network, and what goes wrong; plain values.
+
+The keys of a scenario's file are the fields of these classes, and its bounds stand in their types:
+a field added here is a key there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+
+from trackfield.network.channel import Channel
+from trackfield.network.site import Group
+from trackfield.raster import Region
+from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.signal import SignalModel
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+Name = Annotated[str, Field(min_length=1)]
+Point = tuple[Number, Number]  # x, y [m]
+Span = tuple[NotNegative, NotNegative]  # from, to
+
+Layout = Literal["grid", "random", "listed"]
+Motion = Literal["random", "walk", "crossing", "row"]
+FaultKind = Literal["silent", "burst", "clock_jump", "stuck"]
+Carried = Literal["readings", "reports"]
+Fusion = Literal["fit", "centroid"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """Where sensors stand: on a grid in the middle of the region, anywhere in it, or as listed."""
+
+    layout: Layout = "grid"
+    spacing_m: Positive = 5.0  # of a grid
+    count: Count = 0  # of random ones
+    positions: tuple[Point, ...] = ()  # of listed ones [m]
+    jitter_m: NotNegative = 0.0  # per axis, known: the site says where they stand
+    misplaced_m: NotNegative = 0.0  # per axis, unknown: the site says where they should stand
+    dead: Count = 0  # sensors, drawn, that neither sense nor relay
+    threshold: Number | None = None  # signals below it are not said
+
+
+@dataclass(frozen=True, slots=True)
+class Reports:
+    """Targets give positions themselves, with an error, now and then, among false ones."""
+
+    sigma_m: Positive = 0.4  # per axis
+    p_detection: Probability = 0.9
+    false_per_scan: NotNegative = 0.0  # expected, anywhere in the region
+
+
+@dataclass(frozen=True, slots=True)
+class Party:
+    """Targets that come and move in one way.
+
+    `count` targets come for certain, `at_start` of them with the run and the others at a random
+    time in `enter_s`; `births_per_s` more come at random all the time. What a motion does not name
+    here does not concern it:
+
+    - random: anywhere in the region, with a random heading (`inset_m`);
+    - walk: along `path`, or to random places in the region (`inset_m`, `go_s`, `stop_s`);
+    - crossing: from one border straight to another, past the region's centre (`within_m`, `go_s`,
+      `stop_s`);
+    - row: side by side from `start` (`heading_deg`, `spacing_m`).
+
+    All of them are driven by accelerations N(0, accel_sigma_m_s2^2) held over a step, Oh (9).
+    """
+
+    motion: Motion = "random"
+    count: Count = 0
+    at_start: Count = 0
+    births_per_s: NotNegative = 0.0
+    enter_s: Span = (0.0, 0.0)
+    lifetime_s: Span | None = None  # uniform; without it, a target stays
+    mean_lifetime_s: Positive | None = None  # exponential, instead
+    least_s: NotNegative = 0.0  # a target that would leave earlier is drawn again
+    speed_m_s: Span = (1.0, 1.0)  # uniform
+    accel_sigma_m_s2: NotNegative = 0.0
+    border: Literal["leave", "bounce"] = "leave"
+    inset_m: NotNegative = 0.0
+    path: tuple[Point, ...] = ()
+    go_s: Span | None = None  # how long a walker walks between stops
+    stop_s: Span = (0.0, 0.0)  # how long it stops
+    within_m: NotNegative = 0.0
+    start: Point | None = None  # the middle of the row; else that of the region
+    heading_deg: Number = 0.0
+    spacing_m: Positive = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What goes wrong with some nodes from `from_s` to `to_s`, by the time of what they sense.
+
+    - silent: a `group`, or sensors, send nothing;
+    - burst: false reports, or false detections, are `factor` times as many everywhere;
+    - clock_jump: the times that a group, or sensors, tell are off by `jump_s`;
+    - stuck: sensors say `value` in every step.
+
+    Sensors are named, or `count` of them drawn.
+    """
+
+    kind: FaultKind
+    from_s: NotNegative = 0.0
+    to_s: Positive | None = None  # the end of the run
+    group: Name | None = None
+    sensors: tuple[Name, ...] = ()
+    count: Count = 0
+    factor: Annotated[float, Field(ge=1.0, allow_inf_nan=False)] = 100.0
+    jump_s: Number = 0.0
+    value: Number = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A world to simulate; exactly one of `signal`, `detection` and `reports` says what is sensed.
+
+    Steps are at 0, step_s, 2 step_s, ... before `duration_s`. The network carries `readings`, or
+    the `reports` that are made of them beside the sensors; if not said, reports where signals are
+    sensed (they are fused where they are heard) or reports are given, else readings. With `fusion`,
+    signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12).
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", strict=True)
+
+    duration_s: Positive
+    region: tuple[Number, Number, Number, Number]  # x_min, y_min, x_max, y_max [m]
+    name: Name = "scenario"
+    step_s: Positive = 1.0
+    seed: Count = 0
+    sensors: Sensors | None = None
+    signal: SignalModel | None = None
+    detection: DetectionModel | None = None
+    reports: Reports | None = None
+    targets: tuple[Party, ...] = ()
+    groups: tuple[Group, ...] = ()
+    network: Channel | None = None
+    carries: Carried | None = None
+    fusion: Fusion | None = None
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def area(self) -> Region:
+        """The region."""
+        return Region(*self.region)
+
+    @property
+    def steps(self) -> int:
+        """How many scans there are."""
+        return max(1, math.ceil(self.duration_s / self.step_s - 1e-9))
+
+    @property
+    def carried(self) -> Carried:
+        """What the network carries."""
+        return self.carries or ("readings" if self.detection is not None else "reports")

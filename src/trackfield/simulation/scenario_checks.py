@@ -1,0 +1,201 @@
+"""What is wrong with a scenario beyond the types of its keys."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from typing import Any, cast
+
+from trackfield.network.bounds import bound
+from trackfield.network.channel import Channel
+from trackfield.network.site import Group
+from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.signal import SignalModel
+from trackfield.simulation.deployment import sensor_count, sensor_names
+from trackfield.simulation.scenario import Fault, Party, Scenario
+
+_PATH = tuple[str | int, ...]
+_BORROWED = {  # sections whose classes say no bounds; those of a site's keys hold
+    "network": Channel,
+    "signal": SignalModel,
+    "detection": DetectionModel,
+    "groups": Group,
+}
+_MOTION_KEYS = {  # of a party, those that concern some motions only
+    "accel_sigma_m_s2": {"random", "crossing", "row"},
+    "inset_m": {"random", "walk"},
+    "path": {"walk"},
+    "go_s": {"walk", "crossing"},
+    "stop_s": {"walk", "crossing"},
+    "within_m": {"crossing"},
+    "start": {"row"},
+    "heading_deg": {"row"},
+    "spacing_m": {"row"},
+}
+_MOST_SENSORS = 1_000_000
+_MOST_TARGETS = 100_000
+
+
+def borrowed_faults(document: Mapping[str, Any]) -> Iterator[tuple[_PATH, str]]:
+    """Find numbers out of bounds in sections whose classes belong to other rooms."""
+    for section, cls in _BORROWED.items():
+        value = document.get(section)
+        tables = cast("list[Any]", value) if isinstance(value, list) else [value]
+        for place, table in enumerate(tables):
+            if isinstance(table, Mapping):
+                path = (section, place) if isinstance(value, list) else (section,)
+                yield from _table_faults(path, cast("Mapping[str, Any]", table), cls)
+
+
+def _table_faults(path: _PATH, table: Mapping[str, Any], cls: type) -> Iterator[tuple[_PATH, str]]:
+    usual = {field.name: field.default for field in fields(cls)}
+    for key, value in table.items():
+        if key not in usual or isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        limits = bound("models", key)
+        off = value == math.inf == usual[key]
+        if not (off or math.isfinite(value)) or (limits and not _within(value, limits.limits)):
+            expected = limits.expected if limits else "a finite number"
+            yield (*path, key), f"found {value}, expected {expected}"
+
+
+def _within(value: float, limits: Mapping[str, float]) -> bool:
+    return (
+        limits.get("ge", -math.inf) <= value <= limits.get("le", math.inf)
+        and value > limits.get("gt", -math.inf)
+        and (value < limits["lt"] if "lt" in limits else True)
+    )
+
+
+def contradictions(scenario: Scenario) -> Iterator[str]:
+    """Say which keys, each sound by itself, do not go together."""
+    x_min, y_min, x_max, y_max = scenario.region
+    if not (x_min < x_max and y_min < y_max):
+        yield (
+            f"region: found {list(scenario.region)}, of no area, "
+            "expected [x_min, y_min, x_max, y_max] with min below max"
+        )
+        return
+    yield from _sensing(scenario)
+    yield from _network(scenario)
+    for i, party in enumerate(scenario.targets, start=1):
+        for problem in _party(scenario, party):
+            yield f"targets[{i}]{problem}"
+    for i, fault in enumerate(scenario.faults, start=1):
+        for problem in _fault(scenario, fault):
+            yield f"faults[{i}].{problem}"
+
+
+def _sensing(scenario: Scenario) -> Iterator[str]:
+    kinds = [k for k in ("signal", "detection", "reports") if getattr(scenario, k) is not None]
+    if len(kinds) != 1:
+        found = " and ".join(f"[{kind}]" for kind in kinds) or "nothing that is sensed"
+        yield f"found {found}, expected one of [signal], [detection], [reports]"
+    detection = scenario.detection
+    if detection is not None and detection.p_detection <= detection.p_false:
+        yield (
+            f"detection.p_detection: found {detection.p_detection:g}, "
+            f"expected more than p_false = {detection.p_false:g}"
+        )
+    sensors = scenario.sensors
+    if sensors is None:
+        needs = [k for k in kinds if k != "reports"]
+        needs += ["network"] if scenario.network is not None else []
+        if needs:
+            yield f"sensors: found nothing, expected [sensors] for [{needs[0]}]"
+        return
+    count = sensor_count(scenario)
+    if not 0 < count <= _MOST_SENSORS:
+        expected = {"grid": "spacing_m", "random": "count", "listed": "positions"}[sensors.layout]
+        yield (
+            f"sensors.{expected}: found {count} sensors, expected from 1 to {_MOST_SENSORS} "
+            f"with layout {sensors.layout!r}"
+        )
+    elif sensors.dead >= count:
+        yield f"sensors.dead: found {sensors.dead} of {count} sensors, expected one that lives"
+
+
+def _network(scenario: Scenario) -> Iterator[str]:
+    for name, number in Counter(group.id for group in scenario.groups).items():
+        if number > 1:
+            yield f"groups: found {name!r} {number} times, expected every group once"
+    for i, group in enumerate(scenario.groups, start=1):
+        x_min, y_min, x_max, y_max = scenario.region
+        if group.x_m < x_min or group.x_m > x_max or group.y_m < y_min or group.y_m > y_max:
+            yield (
+                f"groups[{i}]: found tier-2 node {group.id!r} at ({group.x_m:g}, {group.y_m:g}) m, "
+                f"expected one in the region {list(scenario.region)}"
+            )
+    if scenario.carries is not None and scenario.network is None:
+        yield f"carries: found {scenario.carries!r} without [network]"
+    if scenario.fusion is not None and (scenario.signal is None or scenario.carries == "readings"):
+        yield "fusion: found without [signal] whose reports travel, expected one that can be fused"
+    if scenario.carries == "readings" and scenario.reports is not None:
+        yield "carries: found 'readings', expected 'reports' with [reports]"
+
+
+def _party(scenario: Scenario, party: Party) -> Iterator[str]:
+    yield from _spans(party)
+    for key, motions in _MOTION_KEYS.items():
+        given = getattr(party, key) != Party.__dataclass_fields__[key].default
+        if given and party.motion not in motions:
+            yield f".{key}: found with motion {party.motion!r}; it is for {_listed(motions)}"
+    if party.lifetime_s is not None and party.mean_lifetime_s is not None:
+        yield ": found both lifetime_s and mean_lifetime_s, expected one of them"
+    if party.at_start > party.count:
+        yield f".at_start: found {party.at_start} of count = {party.count} targets"
+    if party.motion == "row" and party.births_per_s > 0.0:
+        yield ".births_per_s: found with motion 'row', expected count"
+    if party.enter_s[1] > scenario.duration_s:
+        yield f".enter_s: found {list(party.enter_s)}, expected times within duration_s"
+    if len(party.path) == 1:
+        yield ".path: found one place, expected at least two"
+    if party.count + party.births_per_s * scenario.duration_s > _MOST_TARGETS:
+        yield f": found more than {_MOST_TARGETS} targets, expected fewer"
+    x_min, y_min, x_max, y_max = scenario.region
+    if 2.0 * party.inset_m >= min(x_max - x_min, y_max - y_min):
+        yield f".inset_m: found {party.inset_m:g}, which leaves nothing of the region"
+
+
+def _spans(party: Party) -> Iterator[str]:
+    for span in ("enter_s", "lifetime_s", "speed_m_s", "go_s", "stop_s"):
+        value = getattr(party, span)
+        if value is not None and value[0] > value[1]:
+            yield f".{span}: found {list(value)}, expected [low, high]"
+    if party.go_s is not None and party.go_s[1] == 0.0:
+        yield f".go_s: found {list(party.go_s)}, expected walkers that walk between stops"
+    if party.motion in {"walk", "crossing"} and party.speed_m_s[0] == 0.0:
+        yield f".speed_m_s: found {list(party.speed_m_s)}, expected speeds above 0"
+
+
+def _fault(scenario: Scenario, fault: Fault) -> Iterator[str]:
+    if fault.to_s is not None and fault.to_s <= fault.from_s:
+        yield f"to_s: found {fault.to_s:g}, expected a time after from_s = {fault.from_s:g}"
+    if fault.group is not None and fault.group not in {group.id for group in scenario.groups}:
+        known = ", ".join(group.id for group in scenario.groups) or "none"
+        yield f"group: found {fault.group!r}, expected one of the groups: {known}"
+    count = sensor_count(scenario)
+    names = set(sensor_names(count))
+    for name in fault.sensors:
+        if name not in names:
+            yield f"sensors: found {name!r}, expected sensors from s0 to s{count - 1}"
+    if fault.count > count:
+        yield f"count: found {fault.count}, expected at most the {count} sensors"
+    whom = [fault.group is not None, bool(fault.sensors), fault.count > 0]
+    if fault.kind == "burst":
+        if any(whom):
+            yield "kind: found 'burst' of some nodes, expected neither group, sensors nor count"
+        if scenario.signal is not None:
+            yield "kind: found 'burst' with [signal], expected [reports] or [detection]"
+    elif sum(whom) != 1:
+        yield f"kind: found {fault.kind!r}, expected one of group, sensors and count with it"
+    if fault.kind == "stuck" and scenario.reports is not None:
+        yield "kind: found 'stuck' with [reports], expected [signal] or [detection]"
+    if fault.kind == "stuck" and scenario.detection is not None and fault.value not in {0.0, 1.0}:
+        yield f"value: found {fault.value:g}, expected 0 or 1 of a detection"
+
+
+def _listed(names: set[str]) -> str:
+    return " and ".join(repr(name) for name in sorted(names))
