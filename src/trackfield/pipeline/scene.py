@@ -46,13 +46,16 @@ def scene(site: Site, *, of_signals: bool = False) -> Scene:
     told = site.reports
     p, false = told.p_detection, told.false_per_scan
     if of_signals:
-        p = _SIGNAL_P if p is None else p
+        # What is fitted is what has arrived: lost readings make a fit worse, and seldom undo it.
+        by_age = (_SIGNAL_P if p is None else p,)
         false = _SIGNAL_FALSE_M2 * region.area if false is None else false
+    else:
+        by_age = _by_age(site, region, step_s=step_s, p_sensing=p)
     reporting = Reporting(
         region=region,
         step_s=step_s,
         sigma_m=told.sigma_m,
-        p_detection=_by_age(site, region, step_s=step_s, p_sensing=p),
+        p_detection=by_age,
         false_per_scan=false,
     )
     return Scene(reporting, targets(site))
