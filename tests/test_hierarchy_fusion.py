@@ -56,8 +56,30 @@ def test_a_second_name_for_a_target_is_hidden_at_once_and_united_after_two_steps
         theirs = report(1, float(t), (2, *place), first_s=1.0)
         state, united = BASE.step(state, float(t), reports=[ours, theirs])
         seen.append(shown(united))
-    assert seen == [[2], [1], [1], [1]]
-    assert state.same == {2: 1}
+    # The older name is 1, but whoever looks on has seen 2 already.
+    assert seen == [[2], [2], [2], [2]]
+    assert state.same == {1: 2}
+
+
+def test_of_two_names_that_nobody_has_seen_the_older_one_stays():
+    state = BASE.initial()
+    for t in range(3):
+        rows = [(1, 47.0, 10.0), (2, 48.0, 20.0)]
+        reports = [report(0, float(t), *rows, shown=[True, True])]
+        reports += [report(1, float(t), (5, 47.0, 10.0), (6, 48.0, 20.0), first_s=-2.0)]
+        state, united = BASE.step(state, float(t), reports=reports)
+    assert shown(united) == [1, 2]
+    assert state.same == {5: 1, 6: 2}
+
+
+def test_names_are_parted_again_where_a_group_shows_both():
+    state, _ = BASE.step(BASE.initial(), 0.0, reports=[report(1, 0.0, (2, 60.0, 10.0))])
+    state, _ = BASE.step(state, 1.0, reports=[report(1, 1.0, (1, 61.0, 10.0), renamed=[(1, 2)])])
+    assert state.same == {1: 2}
+    both = [report(1, 2.0, (1, 62.0, 10.0), (2, 80.0, 40.0))]
+    state, united = BASE.step(state, 2.0, reports=both)
+    assert state.same == {}
+    assert shown(united) == [1, 2]
 
 
 def test_two_targets_side_by_side_stay_two():
@@ -73,15 +95,15 @@ def test_two_targets_side_by_side_stay_two():
     assert state.same == {}
 
 
-def test_a_late_renaming_is_carried_through():
+def test_a_late_renaming_changes_nothing_for_who_looks_on():
     state, _ = BASE.step(BASE.initial(), 0.0, reports=[report(1, 0.0, (2, 60.0, 10.0))])
     renamed = [report(1, 1.0, (1, 61.0, 10.0), renamed=[(1, 2)])]
     state, united = BASE.step(state, 1.0, reports=renamed)
-    assert shown(united) == [1]
-    # A group that still says the former name means the same target.
-    state, united = BASE.step(state, 2.0, reports=[report(0, 2.0, (2, 62.0, 10.0))])
-    assert 1 in united.track
-    assert 2 not in united.track
+    assert shown(united) == [2]
+    # Whatever name a group says from now on, it is that target.
+    for t, name in ((2.0, 1), (3.0, 2)):
+        state, united = BASE.step(state, t, reports=[report(1, t, (name, 60.0 + t, 10.0))])
+        assert united.track.tolist() == [2]
 
 
 def test_the_owner_of_a_place_is_asked_first_and_the_neighbour_where_it_knows_nothing():

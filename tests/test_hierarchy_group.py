@@ -23,7 +23,7 @@ REGIONS = (Region(0.0, 0.0, 54.0, 50.0), Region(46.0, 0.0, 100.0, 50.0))
 
 
 def group(number):
-    return TrackingGroup(number, REGIONS, Believer(), TARGETS, 1.0)
+    return TrackingGroup(number, REGIONS, Believer(), TARGETS, 1.0, 0.6)
 
 
 def scan(t_s, *places):
@@ -36,8 +36,8 @@ def scan(t_s, *places):
     )
 
 
-def message(target=1, t_s=0.0, x=48.0, y=20.0, existence=0.9, first_s=-5.0):
-    return Handover(target, t_s, existence, np.array([x, y, 1.0, 0.0]), SPREAD, first_s)
+def message(target=1, t_s=0.0, x=48.0, y=20.0, existence=0.9, first_s=-5.0, sender=0):
+    return Handover(sender, target, t_s, existence, np.array([x, y, 1.0, 0.0]), SPREAD, first_s)
 
 
 def test_a_message_is_carried_on_by_the_kalman_prediction():
@@ -54,10 +54,14 @@ def test_a_message_is_carried_on_by_the_kalman_prediction():
 
 
 def test_of_repeated_messages_the_newest_counts_in_any_order():
-    sent = [message(t_s=0.0), message(t_s=2.0), message(t_s=1.0), message(target=7)]
+    sent = [message(t_s=0.0), message(t_s=2.0), message(target=7), message(t_s=1.5, sender=1)]
     for order in itertools.permutations(sent):
         kept = newest(order)
-        assert [(m.target, m.t_s) for m in kept] == [(1, 2.0), (7, 0.0)]
+        assert [(m.sender, m.target, m.t_s) for m in kept] == [
+            (0, 1, 2.0),
+            (0, 7, 0.0),
+            (1, 1, 1.5),
+        ]
 
 
 def test_distances_are_those_of_mahalanobis():
@@ -75,9 +79,12 @@ def test_distances_are_those_of_mahalanobis():
 def test_claims_pair_each_message_with_one_track_and_none_beyond_the_gate():
     found = believed(0.0, [(1, 10.0, 0.0), (2, 10.5, 0.0), (3, 90.0, 0.0)])
     told = [message(target=8, x=10.4, y=0.0), message(target=9, x=10.1, y=0.0), message(x=50.0)]
-    assert claims(told, found) == [(0, 1), (1, 0)]
-    assert claims([], found) == []
-    assert claims(told, believed(0.0, [])) == []
+    assert claims(told, found, bearers={}) == [(0, 1), (1, 0)]
+    # Who bears a name keeps it within the gate, and loses it beyond.
+    assert claims(told, found, bearers={8: 0}) == [(0, 0), (1, 1)]
+    assert claims(told, found, bearers={8: 2}) == [(0, 1), (1, 0)]
+    assert claims([], found, bearers={}) == []
+    assert claims(told, believed(0.0, []), bearers={}) == []
 
 
 def test_a_target_about_to_leave_is_handed_over_and_again_each_step():
@@ -140,18 +147,41 @@ def test_neighbours_that_found_a_target_together_agree_on_the_older_name():
     assert names == [[1], [1]]
 
 
-def test_a_target_that_nobody_finds_is_expected_for_a_while_and_then_given_up():
+def test_a_target_that_nobody_finds_is_expected_less_each_step_and_then_given_up():
     east = group(1)
-    state, outcome = east.step(east.initial(), scan(1.0), handed=[message(existence=0.6)])
+    state, outcome = east.step(east.initial(), scan(1.0), handed=[message(existence=0.9)])
     estimates = outcome.report.estimates
     assert estimates.track.tolist() == [1]
     assert estimates.shown.tolist() == [True]
     assert estimates.detected.tolist() == [False]
     assert_allclose(estimates.mean[0, :2], [49.0, 20.0])
-    for t in range(2, 110):
+    r = 0.9 * np.exp(-1 / 40)
+    assert estimates.existence[0] == pytest.approx(r * 0.4 / (1 - 0.6 * r))
+    for t in range(2, 7):
         state, outcome = east.step(state, scan(float(t)))
     assert state.pending == ()
     assert outcome.report.estimates.track.size == 0
+
+
+def test_two_names_that_one_sender_tells_apart_stay_two():
+    east = group(1)
+    told = [message(target=1, y=20.0), message(target=3, y=20.3)]
+    state, _ = east.step(east.initial(), scan(1.0, (49.0, 20.0), (49.0, 24.0)), handed=told[:1])
+    state, outcome = east.step(state, scan(2.0, (50.0, 20.0), (50.0, 24.0)), handed=told)
+    assert outcome.report.renamed == ()
+    assert 1 in outcome.report.estimates.track
+
+
+def test_a_name_moves_to_the_track_that_bears_the_target_now():
+    east = group(1)
+    state, _ = east.step(east.initial(), scan(1.0, (49.0, 20.0)), handed=[message()])
+    # The old track is led astray; the target is somewhere else and has a track of its own there.
+    state, _ = east.step(state, scan(2.0, (52.9, 20.0), (70.0, 40.0)))
+    moved = message(t_s=2.0, x=70.0, y=40.0)
+    state, outcome = east.step(state, scan(3.0, (53.9, 20.0), (71.0, 40.0)), handed=[moved])
+    estimates = outcome.report.estimates
+    assert estimates.mean[estimates.track == 1, 0].tolist() == [71.0]
+    assert len(set(estimates.track.tolist())) == 2
 
 
 def test_names_of_tracks_that_ended_are_forgotten():
@@ -162,6 +192,13 @@ def test_names_of_tracks_that_ended_are_forgotten():
 
 
 def test_groups_never_give_the_same_name():
-    names = [group(g)._own(track) for g in (0, 1) for track in range(1, 50)]
-    assert len(set(names)) == 98
-    assert min(names) == 1
+    names = []
+    for one in (group(0), group(1)):
+        state = one.initial()
+        for t in range(20):
+            state, _ = one.step(state, scan(float(t), (10.0 * (t % 7), 5.0 * (t % 3))))
+            names.append({n.target for n in state.names.values()})
+    west, east = set().union(*names[:20]), set().union(*names[20:])
+    assert len(west) > 10
+    assert not west & east
+    assert min(west | east) == 1

@@ -43,14 +43,14 @@ def unpacked(data: bytes, *, parts: int) -> tuple[_Head, list[bytes]]:
 
 def plain_messages(messages: Sequence[Handover]) -> list[list[Any]]:
     """Write hand-overs as lists of numbers."""
-    return [[m.target, m.t_s, m.existence, *_lists(m), m.first_s] for m in messages]
+    return [[m.sender, m.target, m.t_s, m.existence, *_lists(m), m.first_s] for m in messages]
 
 
 def messages_from(plain: Sequence[Sequence[Any]]) -> tuple[Handover, ...]:
     """Read what `plain_messages` wrote."""
     return tuple(
-        Handover(target, t_s, existence, np.array(mean), np.array(covariance), first_s)
-        for target, t_s, existence, mean, covariance, first_s in plain
+        Handover(sender, target, t_s, existence, np.array(mean), np.array(covariance), first_s)
+        for sender, target, t_s, existence, mean, covariance, first_s in plain
     )
 
 

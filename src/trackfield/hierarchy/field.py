@@ -25,10 +25,13 @@ from trackfield.hierarchy.archive import (
     unpacked,
 )
 from trackfield.hierarchy.cells import Cells
-from trackfield.hierarchy.group import GroupState, TrackingGroup
+from trackfield.hierarchy.group import GroupState, Name, TrackingGroup
 from trackfield.hierarchy.handover import Handover
 from trackfield.hierarchy.track_fusion import FusionState, TrackFusion
+from trackfield.raster import Raster
 from trackfield.types import Matrix
+
+_USUAL = 0.5  # detection probability where nothing is told of it
 
 
 class FieldState(NamedTuple):
@@ -100,7 +103,7 @@ class TrackedField:
         found: list[Explanation] = []
         for group, known in zip(self.groups, state.groups, strict=True):
             for own, name in known.names.items():
-                if state.base.same.get(name, name) == track:
+                if state.base.same.get(name.target, name.target) == track:
                     said = group.tracker.explain(known.tracker, own)
                     found.extend([] if said is None else [said._replace(track=track)])
         return max(found, key=lambda one: one.existence, default=None)
@@ -110,9 +113,14 @@ class TrackedField:
         pairs = zip(self.groups, state.groups, strict=True)
         trackers = [group.tracker.encode(known.tracker) for group, known in pairs]
         head = {
-            "groups": [[sorted(g.names.items()), plain_messages(g.pending)] for g in state.groups],
+            "groups": [
+                [[[track, *name] for track, name in known.names.items()], known.given]
+                for known in state.groups
+            ],
+            "pending": [plain_messages(known.pending) for known in state.groups],
             "under_way": [plain_messages(messages) for messages in state.under_way],
             "same": sorted(state.base.same.items()),
+            "since": list(state.base.since.items()),
             "suspected": [[*pair, n] for pair, n in state.base.suspected.items()],
             "last": [[g, plain_estimates(known)] for g, known in state.base.last.items()],
             "shown": plain_estimates(state.shown),
@@ -123,13 +131,19 @@ class TrackedField:
         """Read a state that `encode` wrote; `StateError` for other bytes."""
         head, trackers = unpacked(data, parts=len(self.groups))
         groups = [
-            GroupState(group.tracker.decode(part), dict(names), messages_from(pending))
-            for group, part, (names, pending) in zip(
-                self.groups, trackers, head["groups"], strict=True
+            GroupState(
+                group.tracker.decode(part),
+                {track: Name(since_s, target) for track, since_s, target in names},
+                given,
+                messages_from(pending),
+            )
+            for group, part, (names, given), pending in zip(
+                self.groups, trackers, head["groups"], head["pending"], strict=True
             )
         ]
         base = FusionState(
             dict(head["same"]),
+            dict(head["since"]),
             {(a, b): n for a, b, n in head["suspected"]},
             {group: estimates_from(plain) for group, plain in head["last"]},
         )
@@ -162,6 +176,8 @@ def tracked_field(
     if margin_m is None:
         reach = 16.0 * scene.targets.velocity_sigma_m_s * reporting.step_s
         margin_m = reach + 3.0 * (reporting.sigma_m or 0.0)
+    seen = (_USUAL,) if reporting.p_detection is None else reporting.p_detection
+    p_found = seen[0].mean() if isinstance(seen[0], Raster) else seen[0]
     regions = tuple(
         cells.region(group, reporting.region, margin_m=margin_m) for group in range(len(cells))
     )
@@ -172,6 +188,7 @@ def tracked_field(
             tracker(cells.scene(group, scene, margin_m=margin_m)),
             scene.targets,
             reporting.step_s,
+            p_found,
         )
         for group in range(len(cells))
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -22,10 +22,12 @@ GATE = 16.0
 class Handover(NamedTuple):
     """What a group tells a neighbour of a target that is about to be the neighbour's, Oh IV.B.
 
-    `target` is the target's identity in the whole field; with `t_s` it is the message's own
-    identity: a repeated or older message of a target changes nothing.
+    `target` is the target's name in the whole field; with `sender` (a group) and `t_s` it is the
+    message's own identity: a repeated or older message changes nothing. `first_s` is when whoever
+    gave the name had first seen the target.
     """
 
+    sender: int
     target: int
     t_s: float
     existence: float
@@ -50,10 +52,11 @@ def estimates_of(messages: Sequence[Handover], t_s: float) -> Estimates:
     )
 
 
-def messages_of(known: Estimates, rows: Sequence[int]) -> tuple[Handover, ...]:
+def messages_of(sender: int, known: Estimates, rows: Sequence[int]) -> tuple[Handover, ...]:
     """Make messages of some rows of estimates."""
     return tuple(
         Handover(
+            sender,
             int(known.track[row]),
             known.t_s,
             float(known.existence[row]),
@@ -68,29 +71,39 @@ def messages_of(known: Estimates, rows: Sequence[int]) -> tuple[Handover, ...]:
 def predicted(message: Handover, t_s: float, *, targets: Targets, step_s: float) -> Handover:
     """Carry a message on to `t_s`."""
     known = estimates_of([message], message.t_s)
-    return messages_of(carried(known, t_s, targets=targets, step_s=step_s), [0])[0]
+    moved = carried(known, t_s, targets=targets, step_s=step_s)
+    return messages_of(message.sender, moved, [0])[0]
 
 
 def newest(messages: Sequence[Handover]) -> tuple[Handover, ...]:
-    """Keep one message a target, the newest; in the order of the targets."""
-    kept: dict[int, Handover] = {}
+    """Keep one message a sender and target, the newest; in the order of senders and targets."""
+    kept: dict[tuple[int, int], Handover] = {}
     for message in messages:
-        if message.target not in kept or message.t_s > kept[message.target].t_s:
-            kept[message.target] = message
-    return tuple(kept[target] for target in sorted(kept))
+        known = kept.get((message.sender, message.target))
+        if known is None or message.t_s > known.t_s:
+            kept[message.sender, message.target] = message
+    return tuple(kept[key] for key in sorted(kept))
 
 
-def claims(pending: Sequence[Handover], found: Estimates) -> list[tuple[int, int]]:
-    """Match messages, predicted to the time of `found`, with a group's own tracks.
+def claims(
+    messages: Sequence[Handover], found: Estimates, *, bearers: Mapping[int, int]
+) -> list[tuple[int, int]]:
+    """Match one sender's messages, predicted to the time of `found`, with a group's own tracks.
 
-    Returns pairs of places in `pending` and in `found`. The sum of squared distances
+    Returns pairs of places in `messages` and in `found`. `bearers` (names to places in `found`)
+    keep their names while they are within the gate; of the others the sum of squared distances
     (x - y)' (P_x + P_y)^-1 (x - y) is least, and none is above the gate.
     """
-    if not len(pending) or not found.track.size:
+    if not len(messages) or not found.track.size:
         return []
-    told = np.array([message.mean for message in pending])
-    doubts = np.array([message.covariance for message in pending])
-    return matched(distances2(told, doubts, means=found.mean, covariances=found.covariance))
+    told = np.array([message.mean for message in messages])
+    doubts = np.array([message.covariance for message in messages])
+    costs = distances2(told, doubts, means=found.mean, covariances=found.covariance)
+    for i, message in enumerate(messages):
+        place = bearers.get(message.target)
+        if place is not None and costs[i, place] <= GATE:
+            costs[i, place] = -1e6  # better than any other pairing of all the others
+    return matched(costs)
 
 
 def matched(costs: Matrix) -> list[tuple[int, int]]:

@@ -27,11 +27,12 @@ Pair = tuple[int, int]
 class FusionState(NamedTuple):
     """What the base knows: names that mean the same target, pairs that may, and the last reports.
 
-    `same` maps an identity to the one that stands for it; `suspected` counts for how many steps two
-    identities of two groups have looked like one target.
+    `same` maps a name to the one that stands for it, `since` names to when they were shown first;
+    `suspected` counts for how many steps two names of two groups have looked like one target.
     """
 
     same: Mapping[int, int]
+    since: Mapping[int, float]
     suspected: Mapping[Pair, int]
     last: Mapping[int, Estimates]
 
@@ -54,7 +55,7 @@ class TrackFusion(NamedTuple):
 
     def initial(self) -> FusionState:
         """Make the state before the first report."""
-        return FusionState({}, {}, {})
+        return FusionState({}, {}, {}, {})
 
     def step(
         self, state: FusionState, t_s: float, *, reports: Sequence[GroupReport]
@@ -66,21 +67,25 @@ class TrackFusion(NamedTuple):
                 continue
             last[report.group] = report.estimates
             for identity, former in report.renamed:
-                _unite(same, identity, former)
+                _unite(same, state.since, identity, former)
         oldest = t_s - (self.patience_steps + 0.5) * self.step_s
         now = {
             group: carried(known, t_s, targets=self.targets, step_s=self.step_s)
             for group, known in last.items()
             if known.t_s >= oldest
         }
+        _part(same, now)
         suspected = self._suspect(same, state.suspected, now)
         for pair, steps in suspected.items():
             if steps >= self.confirm_steps:
-                _unite(same, *pair)
+                _unite(same, state.since, *pair)
         alive = {same.get(int(i), int(i)) for known in last.values() for i in known.track}
-        kept = {name: head for name, head in same.items() if head in alive}
-        state = FusionState(kept, suspected, last)
-        return state, self.unite(state, now, t_s=t_s)
+        same = {name: head for name, head in same.items() if head in alive}
+        since = {name: t for name, t in state.since.items() if name in alive}
+        united = self.unite(FusionState(same, since, suspected, last), now, t_s=t_s)
+        for name in united.track[united.shown].tolist():
+            since.setdefault(name, t_s)
+        return FusionState(same, since, suspected, last), united
 
     def unite(self, state: FusionState, known: Mapping[int, Estimates], *, t_s: float) -> Estimates:
         """Make one track a target of what groups know of time `t_s`."""
@@ -144,8 +149,10 @@ class TrackFusion(NamedTuple):
             ours, theirs = self._overlap(now[a], b), self._overlap(now[b], a)
             names_a = [same.get(int(i), int(i)) for i in now[a].track]
             names_b = [same.get(int(i), int(i)) for i in now[b].track]
-            ours = [i for i in ours if names_a[i] not in names_b]
-            theirs = [j for j in theirs if names_b[j] not in names_a]
+            shown_a = {names_a[i] for i in np.flatnonzero(now[a].shown)}
+            shown_b = {names_b[j] for j in np.flatnonzero(now[b].shown)}
+            ours = [i for i in ours if names_a[i] not in shown_b]
+            theirs = [j for j in theirs if names_b[j] not in shown_a]
             if not (ours and theirs):
                 continue
             costs = distances2(
@@ -179,12 +186,26 @@ class TrackFusion(NamedTuple):
         )
 
 
-def _unite(same: dict[int, int], identity: int, former: int) -> None:
-    """Let `identity` stand for `former`, and for all that `former` stood for."""
-    head, tail = same.get(identity, identity), same.get(former, former)
+def _unite(same: dict[int, int], since: Mapping[int, float], one: int, other: int) -> None:
+    """Let one name stand for both, and for all that they stood for.
+
+    What was shown first keeps its name, so that who looks on sees no change; else `one` does.
+    """
+    head, tail = same.get(one, one), same.get(other, other)
     if head == tail:
         return
+    if since.get(tail, np.inf) < since.get(head, np.inf):
+        head, tail = tail, head
     for name, stands in list(same.items()):
         if stands == tail:
             same[name] = head
     same[tail] = head
+
+
+def _part(same: dict[int, int], now: Mapping[int, Estimates]) -> None:
+    """Take back that two names are one target where a group shows both."""
+    for known in now.values():
+        shown: set[int] = set(known.track[known.shown].tolist())
+        for name in shown & same.keys():
+            if same[name] in shown:
+                del same[name]
