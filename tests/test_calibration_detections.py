@@ -8,10 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.special import expit
+from scipy.special import expit, logit
 from scipy.stats import beta
 
-from trackfield.calibration.detection_fit import Evidence, evidence, fit_rates, sensor_rates
+from trackfield.calibration.detection_fit import (
+    Evidence,
+    RateFit,
+    evidence,
+    fit_rates,
+    sensor_rates,
+)
+from trackfield.calibration.detection_search import Geometry, search
 from trackfield.calibration.detection_site import calibrate_detection_site, detection_run
 from trackfield.calibration.detections import (
     DetectionCalibration,
@@ -405,3 +412,57 @@ def test_a_node_that_nobody_hears_is_calibrated_as_silent():
     site = field_site(network=Channel(hop_m=6.0, p_loss=0.1), groups=(Group("g", 300.0, 300.0),))
     found = calibrate_detection_site(site, *tables(run), clock=False)
     assert found.calibration.pooled.p_detection < 0.8
+
+
+def bell(size: float, sigma: float, *, offset_s: float = 0.0, offset_sigma: float = np.inf) -> Any:
+    """Profile likelihood that is a Gaussian of size and offset, whatever the edge."""
+
+    def profile(at: Geometry, start: RateFit | None) -> RateFit:
+        log_likelihood = -0.5 * ((at.size - size) / sigma) ** 2
+        log_likelihood -= 0.5 * ((at.offset_s - offset_s) / offset_sigma) ** 2
+        none = np.empty(0)
+        return RateFit(0.5, 0.1, np.eye(2), log_likelihood, none, none, none)
+
+    return profile
+
+
+@pytest.mark.parametrize(("size", "sigma"), [(1.3, 0.02), (0.5, 0.005), (2.2, 0.1)])
+def test_the_search_gives_the_moments_of_a_known_posterior(size, sigma):
+    found = search(bell(size, sigma), clock=None)
+    assert found.geometry.size == pytest.approx(size, abs=0.1 * sigma)
+    assert found.errors.size == pytest.approx(sigma, rel=0.1)
+    assert found.errors.offset_s == np.inf
+    # All edges alike: the mean and spread of a flat density over them.
+    assert found.geometry.edge == pytest.approx(0.31, abs=0.05)
+
+
+@pytest.mark.parametrize("offset", [-2.4, 0.05, 1.1])
+def test_the_search_finds_a_known_offset_or_none(offset):
+    profile = bell(1.1, 0.05, offset_s=offset, offset_sigma=0.2)
+    found = search(profile, clock=profile)
+    assert found.errors.offset_s == pytest.approx(0.2, rel=0.01)
+    expected = offset if abs(offset) > 0.6 else 0.0
+    assert found.geometry.offset_s == pytest.approx(expected, abs=1e-6)
+    untold = search(bell(1.1, 0.05), clock=bell(1.1, 0.05))
+    assert untold.geometry.offset_s == 0.0
+    assert untold.errors.offset_s > 1e3
+
+
+@pytest.mark.parametrize(("p", "q"), [(0.97, 0.4), (0.1, 0.01), (0.5, 0.3), (0.95, 0.002)])
+def test_rates_far_from_the_usual_are_found(p, q):
+    given = draw(np.random.default_rng(6), np.full(12, p), q=q).evidence()
+    found = fit_rates(given)
+    error = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    assert abs(logit(found.p) - logit(p)) < 3.5 * error[0]
+    assert abs(logit(found.q) - logit(q)) < 3.5 * error[1]
+    assert found.alive.min() > 0.9
+
+
+def test_a_start_at_which_all_nodes_look_broken_is_not_used():
+    given = draw(np.random.default_rng(7), np.full(12, 0.7), q=0.05).evidence()
+    usual = fit_rates(given)
+    lost = usual._replace(p=0.999, q=0.9, alive=np.zeros(12))
+    for start in (usual, usual._replace(p=0.4, q=0.1), lost):
+        found = fit_rates(given, start)
+        assert found.p == pytest.approx(usual.p, abs=2e-3)
+        assert found.q == pytest.approx(usual.q, abs=2e-3)

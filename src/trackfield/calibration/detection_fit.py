@@ -89,35 +89,44 @@ def spoken(evidence: Evidence) -> tuple[Vector, Vector]:
     return said, np.bincount(rows, minlength=n) + evidence.blank
 
 
-def fit_rates(evidence: Evidence, *, p: float = 0.5, q: float = 0.05) -> RateFit:
-    """Maximise sum_i log(a L_i(p, q) + dead 1{silent} + babbling B(k+1, n-k+1)) from a start.
+def fit_rates(evidence: Evidence, start: RateFit | None = None) -> RateFit:
+    """Maximise sum_i log(a L_i(p, q) + dead 1{silent} + babbling B(k+1, n-k+1)).
 
     L_i is the likelihood of sensor i's detections under `sensing.detection.probability`; a dead
     node never speaks, a babbling one speaks at a rate of its own, uniform a priori, whoever is
-    near. EM over the kinds, each round one step of Fisher scoring.
+    near. EM over the kinds, each round one step of Fisher scoring. It begins with all alive, for
+    at rates that are far off all nodes look broken; or at a `start` from evidence much alike, where
+    most nodes are alive.
     """
-    at = np.array([logit(p), logit(q)])
-    broken = _broken(evidence)
+    mixed = _broken(evidence)
+    if start is None or start.alive.mean() < 0.5:
+        nobody = np.full_like(mixed, -np.inf)
+        at = _climb(evidence, nobody, np.array([logit(0.5), logit(0.05)]))
+    else:
+        at = np.array([logit(start.p), logit(start.q)])
+    at = _climb(evidence, mixed, at)
+    found, shares, total = _evaluate(evidence, mixed, at)
+    rates = expit(at)
+    information = _total(shares[0], found.information)
+    return RateFit(float(rates[0]), float(rates[1]), information, total, *shares)
+
+
+def _climb(evidence: Evidence, broken: Matrix, at: Vector) -> Vector:
+    """Logits (2,) of the highest likelihood up the hill from `at`."""
     found, shares, total = _evaluate(evidence, broken, at)
     for _ in range(_ROUNDS):
         weight = shares[0]
         information = _total(weight, found.information) + 1e-9 * np.eye(2)
         step = np.clip(np.linalg.inv(information) @ (weight @ found.score), -1.0, 1.0)
-        before = total
-        for _ in range(6):  # halve a step that overshoots
-            new = np.clip(at + step, logit(_BOUND), -logit(_BOUND))
-            found, shares, total = _evaluate(evidence, broken, new)
-            if total >= before:
-                break
-            step = step / 2.0
-        else:
-            break
-        at = new
-        if total - before < _ENOUGH:
-            break
-    information = _total(shares[0], found.information)
-    rates = expit(at)
-    return RateFit(float(rates[0]), float(rates[1]), information, total, *shares)
+        new = np.clip(at + step, logit(_BOUND), -logit(_BOUND))
+        found, shares, after = _evaluate(evidence, broken, new)
+        if after < total:  # overshot: half of the way
+            new = 0.5 * (at + new)
+            found, shares, after = _evaluate(evidence, broken, new)
+        if after < total + _ENOUGH:
+            return new if after >= total else at
+        at, total = new, after
+    return at
 
 
 def sensor_rates(evidence: Evidence, fit: RateFit) -> tuple[Matrix, Matrix]:

@@ -132,8 +132,7 @@ def calibrate_detections(
         return evidence(c, run.detected[kept], heard=heard[kept], delivery=arrives)
 
     def profile(at: Geometry, start: RateFit | None, kept: NDArray[np.bool_] = rows) -> RateFit:
-        given = beside(at, kept)
-        return fit_rates(given) if start is None else fit_rates(given, p=start.p, q=start.q)
+        return fit_rates(beside(at, kept), start)
 
     told = clock and known.sum() >= _LEAST_STEPS
     found = search(profile, clock=partial(profile, kept=known) if told else None)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -181,12 +182,18 @@ def _filtered(
     rate_hz: float, band_hz: tuple[float, float], state: FrontEndState, *, window: Vector
 ) -> tuple[Vector, Matrix]:
     """Band-pass of the next window, and the filter's memory after it."""
-    sections = _signal.butter(_ORDER, band_hz, "bandpass", fs=rate_hz, output="sos")
+    sections = _sections(rate_hz, band_hz)
     memory = state.filter
     if not state.windows:  # as if the first value had stood for ever: no transient
         memory = _signal.sosfilt_zi(sections) * window[0]
     filtered, memory = _signal.sosfilt(sections, window, zi=memory)
     return np.asarray(filtered, float), np.asarray(memory, float)
+
+
+@lru_cache
+def _sections(rate_hz: float, band_hz: tuple[float, float]) -> Matrix:
+    """Coefficients of the band-pass: designing it takes longer than a window's filtering."""
+    return np.asarray(_signal.butter(_ORDER, band_hz, "bandpass", fs=rate_hz, output="sos"), float)
 
 
 def _problems(front: FrontEnd) -> list[str]:
