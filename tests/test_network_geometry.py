@@ -102,12 +102,12 @@ def test_thinness_is_the_ratio_of_extents():
 def test_a_survey_counts_what_comes_twice_late_and_after_a_gap():
     readings = make_readings([0, 1, 1, 3, 2.5, 9, 1], [0, 1, 1, 2, 3, 0, 1], [5] * 7)
     found = surveyed(empty_survey(make_site(SQUARE)), readings)
-    assert found.readings == 7
+    assert found.timing.rows == 7
     assert found.per_sensor.tolist() == [2, 3, 1, 1]
-    assert (found.first_s, found.last_s) == (0.0, 9.0)
-    assert found.longest_gap_s == 6.0
-    assert found.repeated == 2
-    assert (found.unordered, found.late_s, found.behind) == (2, 8.0, 1)
+    assert (found.timing.first_s, found.timing.last_s) == (0.0, 9.0)
+    assert found.timing.longest_gap_s == 6.0
+    assert found.timing.repeated == 2
+    assert (found.timing.unordered, found.timing.late_s, found.timing.behind) == (2, 8.0, 1)
     assert heard(found) == ("A", "B", "C", "D")
 
 
@@ -121,9 +121,9 @@ def test_a_survey_does_not_depend_on_how_a_run_is_cut(at):
     for chunk in cut(readings, at):
         parts = surveyed(parts, chunk)
     for name in (
-        "readings", "first_s", "last_s", "longest_gap_s", "repeated", "unordered", "behind"
+        "rows", "first_s", "last_s", "longest_gap_s", "repeated", "unordered", "behind"
     ):  # fmt: skip
-        assert getattr(whole, name) == getattr(parts, name), name
+        assert getattr(whole.timing, name) == getattr(parts.timing, name), name
     np.testing.assert_array_equal(whole.per_sensor, parts.per_sensor)
 
 

@@ -87,13 +87,15 @@ def run_tracker(
         with naming(data):
             require_tracks(tracker)
         if visible == 0:
-            raise RunError(f"{data}: found {survey.readings} readings, and no track was confirmed")
+            raise RunError(
+                f"{data}: found {survey.timing.rows} readings, and no track was confirmed"
+            )
     numbers = {
         "rows": rows,
         "shown": visible,
         "targets": list(survey.targets),
-        "first_s": survey.first_s,
-        "last_s": survey.last_s,
+        "first_s": survey.timing.first_s,
+        "last_s": survey.timing.last_s,
         "readings": dict(tracker.counts),
     }
     told = [

@@ -25,7 +25,7 @@ class Geometry(NamedTuple):
 
 
 def geometry(site: Site, sensors: tuple[str, ...] | None = None) -> Geometry:
-    """Judge the places of all sensors of a site, or of those named.
+    """Judge the places of all sensors of a site, or of those named, as of ranges.
 
     Fewer than three sensors leave a target two places to be, and so does a line of them: the two
     are mirror images, and no filter can tell them apart.

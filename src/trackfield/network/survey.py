@@ -2,58 +2,51 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site
+from trackfield.network.timing import Timing, no_rows, timed
+from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix, Readings, Vector
 
-_TAIL = 4096  # readings of the last chunk that are remembered, to find their copies
 _LARGE, _SMALL = 50.0, 1 / 200  # of the field's diagonal: ranges beyond are in another unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """Counts of a run so far: readings in all and per sensor (n,), those repeated or late.
+    """A run so far: when readings came, how many of each sensor (n,).
 
-    `medians` (k, 2) holds number and median value of every chunk; `late_s` is how far behind the
-    newest one a reading came at most, `behind` how many came more than the site's window behind.
+    `medians` (k, 2) holds number and median value of every chunk; `window_s` is how late a reading
+    may come.
     """
 
     site: Site
-    readings: int
+    timing: Timing
     per_sensor: Vector
-    first_s: float
-    last_s: float
-    longest_gap_s: float
-    repeated: int
-    unordered: int
-    late_s: float
-    behind: int
     medians: Matrix
     targets: tuple[str, ...]
-    tail: Matrix
+    window_s: float
+
+    @property
+    def of_ranges(self) -> bool:
+        """Whether all that the site measures are ranges."""
+        return all(isinstance(model, RangeModel) for model in self.site.models)
 
 
 def empty_survey(site: Site) -> Survey:
     """Begin a survey for a run on `site`."""
+    of_ranges = all(isinstance(model, RangeModel) for model in site.models)
+    steps_s = site.tracker.window_steps * (site.reports.step_s or 1.0)
     return Survey(
         site=site,
-        readings=0,
+        timing=no_rows(4),
         per_sensor=np.zeros(len(site.sensor_ids)),
-        first_s=math.inf,
-        last_s=-math.inf,
-        longest_gap_s=0.0,
-        repeated=0,
-        unordered=0,
-        late_s=0.0,
-        behind=0,
         medians=np.empty((0, 2)),
         targets=(),
-        tail=np.empty((0, 4)),
+        window_s=site.tracker.window_s if of_ranges else steps_s,
     )
 
 
@@ -62,35 +55,15 @@ def surveyed(survey: Survey, readings: Readings) -> Survey:
     if not len(readings):
         return survey
     t = readings.t_s
-    newest = np.maximum.accumulate(np.maximum(t, survey.last_s))
-    before = np.concatenate([[survey.last_s], newest[:-1]])
-    late = np.where(np.isfinite(before), before - t, 0.0)
-    forward = np.where(np.isfinite(before), newest - before, 0.0)
     rows = np.column_stack([t, readings.sensor, readings.kind, readings.target]).astype(float)
-    known = np.concatenate([survey.tail, rows])
-    new = _distinct(known) - _distinct(survey.tail)
     return replace(
         survey,
-        readings=survey.readings + len(readings),
+        timing=timed(survey.timing, t, rows, window_s=survey.window_s),
         per_sensor=survey.per_sensor
         + np.bincount(readings.sensor, minlength=len(survey.site.sensor_ids)),
-        first_s=min(survey.first_s, float(t.min())),
-        last_s=float(newest[-1]),
-        longest_gap_s=max(survey.longest_gap_s, float(forward.max())),
-        repeated=survey.repeated + len(readings) - new,
-        unordered=survey.unordered + int(np.count_nonzero(late > 0.0)),
-        late_s=max(survey.late_s, float(late.max())),
-        behind=survey.behind + int(np.count_nonzero(late > survey.site.tracker.window_s)),
         medians=np.vstack([survey.medians, [len(readings), np.median(readings.value)]]),
         targets=readings.target_ids,
-        tail=known[-_TAIL:],
     )
-
-
-def _distinct(rows: Matrix) -> int:
-    """Count the rows (n, k) that differ."""
-    ordered = rows[np.lexsort(rows.T)]
-    return len(rows) - int(np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1)))
 
 
 def heard(survey: Survey) -> tuple[str, ...]:
@@ -109,7 +82,7 @@ def median_range(survey: Survey) -> float:
 def unit_suspicion(survey: Survey) -> str | None:
     """Say if ranges and places of sensors seem to be in different units; None if not."""
     span = geometry(survey.site).span_m
-    if not survey.readings or span <= 0.0:
+    if not survey.timing.rows or span <= 0.0 or not survey.of_ranges:
         return None
     typical = median_range(survey)
     if _SMALL * span <= typical <= _LARGE * span:
@@ -123,8 +96,10 @@ def unit_suspicion(survey: Survey) -> str | None:
 
 def data_problems(survey: Survey) -> tuple[str, ...]:
     """Say what keeps a run from being tracked: nothing said, too few sensors, a line, units."""
-    if not survey.readings:
+    if not survey.timing.rows:
         return ("found no readings, expected at least three of three sensors",)
+    if not survey.of_ranges:
+        return ()
     speaking = heard(survey)
     problems: list[str] = []
     if len(speaking) < len(survey.site.sensor_ids):

@@ -90,6 +90,7 @@ class Tracker:
                     "expected finite numbers, 0 or more, and whole steps"
                 ]
             )
+        range_models(site)  # or refuse sensors of other kinds
         problems = geometry(site).problems
         if problems:
             raise ConfigurationError([f"site {site.name}: {problem}" for problem in problems])
