@@ -11,7 +11,7 @@ import cli_runs
 from conftest import lacking
 from trackfield import __version__
 
-VERBS = ("track", "calibrate", "score", "check", "data", "reproduce")
+VERBS = ("track", "calibrate", "score", "check", "simulate", "data", "reproduce")
 
 
 @pytest.fixture

@@ -90,7 +90,9 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
     detection = scenario_from_toml(DETECTION)
     signal = scenario_from_toml(HEAD + "[sensors]\n[signal]\n")
     reports = scenario_from_toml(REPORTS)
-    assert [s.carried for s in (detection, signal, reports)] == ["readings", "reports", "reports"]
+    ranges = scenario_from_toml(HEAD + "[sensors]\n[range]\n")
+    assert [s.carried for s in (detection, ranges)] == ["readings", "readings"]
+    assert [s.carried for s in (signal, reports)] == ["reports", "reports"]
 
 
 @pytest.mark.parametrize(
@@ -127,7 +129,7 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             "duration_s = 1\nregion = [0, 0, 1, 0]\n[reports]\n",
             "region: found [0.0, 0.0, 1.0, 0.0]",
         ),
-        (HEAD, "found nothing that is sensed, expected one of [signal], [detection], [reports]"),
+        (HEAD, "found nothing that is sensed, expected one of [signal], [detection], [range], "),
         (DETECTION + "[reports]\n", "found [detection] and [reports], expected one of"),
         (HEAD + "[detection]\n", "sensors: found nothing, expected [sensors] for [detection]"),
         (REPORTS + "[network]\n", "sensors: found nothing, expected [sensors] for [network]"),
@@ -253,9 +255,9 @@ def test_a_fault_that_cannot_be_is_refused(keys, told):
 def test_faults_that_need_another_kind_of_sensing_are_refused():
     stuck = "[sensors]\n[[faults]]\nkind = 'stuck'\ncount = 1\n"
     (problem,) = faults(REPORTS + stuck)
-    assert "found 'stuck' with [reports], expected [signal] or [detection]" in problem
+    assert "found 'stuck' without [signal] or [detection]" in problem
     (problem,) = faults(HEAD + "[sensors]\n[signal]\n[[faults]]\nkind = 'burst'\n")
-    assert "found 'burst' with [signal], expected [reports] or [detection]" in problem
+    assert "found 'burst' without [reports] or [detection]" in problem
     (problem,) = faults(REPORTS + "[[faults]]\nkind = 'silent'\ngroup = 'a'\n")
     assert "found 'a', expected one of the groups: none" in problem
 
@@ -299,6 +301,7 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Sensors": "[sensors]",
     "SignalModel": "[signal]",
     "DetectionModel": "[detection]",
+    "RangeModel": "[range]",
     "Reports": "[reports]",
     "Party": "[[targets]]",
     "Group": "[[groups]]",

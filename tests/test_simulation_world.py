@@ -18,6 +18,7 @@ from trackfield.network.site_file import site_from_toml
 from trackfield.network.site_writer import site_text
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
 from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
 from trackfield.simulation.scenario import Reports as ReportModel
@@ -364,6 +365,45 @@ def test_sensors_stand_as_laid_out_jittered_and_misplaced():
     assert len(anywhere.told) == 500
 
 
+def test_ranges_are_of_tagged_targets_with_the_errors_of_their_model():
+    model = RangeModel(bias_m=0.3, sigma_m=0.1, max_range_m=30.0)
+    scenario = Scenario(
+        duration_s=400.0,
+        region=SQUARE,
+        step_s=0.5,
+        sensors=Sensors(spacing_m=20.0, dead=3),
+        range=model,
+        targets=(
+            Party(count=3, border="bounce", speed_m_s=(1.0, 2.0)),
+            Party(count=2, enter_s=(50.0, 60.0), lifetime_s=(20.0, 30.0)),
+        ),
+    )
+    world = make_world(scenario)
+    table, passed = all_of(hear_readings(world))
+    assert passed.sent == len(table)
+    assert table.target_ids == world.truth.target_ids
+    assert (np.diff(table.t_s) >= 0.0).all()
+    place = {
+        (t, target): place[:2]
+        for t, target, place in zip(
+            world.truth.t_s, world.truth.target, world.truth.position, strict=True
+        )
+    }
+    at = np.array([place[key] for key in zip(table.t_s, table.target, strict=True)])
+    r = np.linalg.norm(at - world.deployment.told[table.sensor], axis=1)
+    error = table.value - r
+    assert r.max() <= 30.0
+    np.testing.assert_allclose(error.mean(), 0.3, atol=0.005)
+    np.testing.assert_allclose(error.std(), 0.1, rtol=0.03)
+    alive = world.deployment.network.alive
+    everyone = np.linalg.norm(
+        world.truth.position[:, None, :2] - world.deployment.told[alive], axis=2
+    )
+    assert len(table) == np.count_nonzero(everyone <= 30.0)
+    empty = make_world(replace(scenario, targets=()))
+    assert len(all_of(hear_readings(empty))[0]) == 0
+
+
 # --- the network ---------------------------------------------------------------------------------
 
 
@@ -601,7 +641,7 @@ def test_readings_and_reports_are_not_confused():
         all_of(hear_reports(make_world(BINARY)))
 
 
-@pytest.mark.parametrize("name", ["lochness", "binary_field", "reports", "crowd"])
+@pytest.mark.parametrize("name", ["lochness", "binary_field", "reports", "crowd", "tags"])
 def test_the_site_of_a_world_is_one_that_can_be_read(name, tmp_path):
     world = make_world(load_scenario(SCENARIOS / f"{name}.toml"))
     told = site_of(world)
@@ -613,4 +653,4 @@ def test_the_site_of_a_world_is_one_that_can_be_read(name, tmp_path):
     assert read.sensor_groups == told.sensor_groups
     np.testing.assert_allclose(read.positions, told.positions)
     assert read.target == told.target
-    assert told.reports.region == world.scenario.area
+    assert told.reports.region == (None if name == "tags" else world.scenario.area)

@@ -79,6 +79,8 @@ def write_said(world: World, path: Path, moved: Callable[[float], None]) -> Said
 
     is_readings = path.name == "measurements.csv"
     names = COLUMNS[path.name]
+    if world.scenario.range is not None:
+        names = (*names, "target_id")
     if tells_arrivals(world, "readings" if is_readings else "reports"):
         names = (*names, "arrival_s")
     if world.scenario.fusion == "fit" and not is_readings:

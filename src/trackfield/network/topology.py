@@ -115,7 +115,7 @@ def _hops_to_own(
     works = np.concatenate([alive, np.ones(len(leaders), np.bool_)])
     hops = np.full(count, UNREACHED, np.int32)
     for j in range(len(leaders)):
-        own = np.append(alive & (group == j), np.zeros(len(leaders), np.bool_))
+        own = np.append(group == j, np.zeros(len(leaders), np.bool_))
         found = _layers(nodes, count + j, hop_m=hop_m, works=works, wanted=own)[:count]
         hops[group == j] = found[group == j]
     return hops

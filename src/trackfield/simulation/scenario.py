@@ -16,6 +16,7 @@ from trackfield.network.channel import Channel
 from trackfield.network.site import Group
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -120,11 +121,12 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A world to simulate; exactly one of `signal`, `detection` and `reports` says what is sensed.
+    """A world to simulate; one of `signal`, `detection`, `range`, `reports` says what is sensed.
 
     Steps are at 0, step_s, 2 step_s, ... before `duration_s`. The network carries `readings`, or
     the `reports` that are made of them beside the sensors; if not said, reports where signals are
-    sensed (they are fused where they are heard) or reports are given, else readings. With `fusion`,
+    sensed (they are fused where they are heard) or reports are given, else readings. Ranges name
+    their target, who carries a tag. With `fusion`,
     signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12).
     """
 
@@ -138,6 +140,7 @@ class Scenario:
     sensors: Sensors | None = None
     signal: SignalModel | None = None
     detection: DetectionModel | None = None
+    range: RangeModel | None = None
     reports: Reports | None = None
     targets: tuple[Party, ...] = ()
     groups: tuple[Group, ...] = ()
@@ -159,4 +162,6 @@ class Scenario:
     @property
     def carried(self) -> Carried:
         """What the network carries."""
-        return self.carries or ("readings" if self.detection is not None else "reports")
+        if self.carries is not None:
+            return self.carries
+        return "reports" if self.range is None and self.detection is None else "readings"

@@ -12,6 +12,7 @@ from trackfield.network.bounds import bound
 from trackfield.network.channel import Channel
 from trackfield.network.site import Group
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
 from trackfield.simulation.deployment import sensor_count, sensor_names
 from trackfield.simulation.scenario import Fault, Party, Scenario
@@ -21,8 +22,10 @@ _BORROWED = {  # sections whose classes say no bounds; those of a site's keys ho
     "network": Channel,
     "signal": SignalModel,
     "detection": DetectionModel,
+    "range": RangeModel,
     "groups": Group,
 }
+_KINDS = ("signal", "detection", "range", "reports")
 _MOTION_KEYS = {  # of a party, those that concern some motions only
     "accel_sigma_m_s2": {"random", "crossing", "row"},
     "inset_m": {"random", "walk"},
@@ -89,10 +92,11 @@ def contradictions(scenario: Scenario) -> Iterator[str]:
 
 
 def _sensing(scenario: Scenario) -> Iterator[str]:
-    kinds = [k for k in ("signal", "detection", "reports") if getattr(scenario, k) is not None]
+    kinds = [kind for kind in _KINDS if getattr(scenario, kind) is not None]
     if len(kinds) != 1:
         found = " and ".join(f"[{kind}]" for kind in kinds) or "nothing that is sensed"
-        yield f"found {found}, expected one of [signal], [detection], [reports]"
+        expected = ", ".join(f"[{kind}]" for kind in _KINDS)
+        yield f"found {found}, expected one of {expected}"
     detection = scenario.detection
     if detection is not None and detection.p_detection <= detection.p_false:
         yield (
@@ -187,12 +191,12 @@ def _fault(scenario: Scenario, fault: Fault) -> Iterator[str]:
     if fault.kind == "burst":
         if any(whom):
             yield "kind: found 'burst' of some nodes, expected neither group, sensors nor count"
-        if scenario.signal is not None:
-            yield "kind: found 'burst' with [signal], expected [reports] or [detection]"
+        if scenario.reports is None and scenario.detection is None:
+            yield "kind: found 'burst' without [reports] or [detection]"
     elif sum(whom) != 1:
         yield f"kind: found {fault.kind!r}, expected one of group, sensors and count with it"
-    if fault.kind == "stuck" and scenario.reports is not None:
-        yield "kind: found 'stuck' with [reports], expected [signal] or [detection]"
+    if fault.kind == "stuck" and scenario.signal is None and scenario.detection is None:
+        yield "kind: found 'stuck' without [signal] or [detection]"
     if fault.kind == "stuck" and scenario.detection is not None and fault.value not in {0.0, 1.0}:
         yield f"value: found {fault.value:g}, expected 0 or 1 of a detection"
 

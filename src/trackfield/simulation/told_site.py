@@ -21,11 +21,13 @@ def site_of(world: World, *, sensors_file: Path | None = None) -> Site:
     """
     scenario, deployment = world.scenario, world.deployment
     count = len(deployment.sensor_ids)
-    model = scenario.signal or scenario.detection
-    kind = "signal" if scenario.signal is not None else "detection"
+    models = {"signal": scenario.signal, "detection": scenario.detection, "range": scenario.range}
+    kind, model = next(((k, m) for k, m in models.items() if m is not None), ("", None))
     names = [group.id for group in scenario.groups] or [None]
     own = [names[int(place)] for place in deployment.network.routes.group[:count]]
-    reports = ReportSettings(region=scenario.area, step_s=scenario.step_s)
+    reports = ReportSettings()  # tagged targets need none
+    if scenario.range is None:
+        reports = ReportSettings(region=scenario.area, step_s=scenario.step_s)
     if scenario.reports is not None:
         reports = ReportSettings(
             sigma_m=scenario.reports.sigma_m,

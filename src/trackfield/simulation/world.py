@@ -17,6 +17,7 @@ from trackfield.simulation import sensed
 from trackfield.simulation.deployment import Deployment, deploy
 from trackfield.simulation.faults import Strike, strikes, struck
 from trackfield.simulation.fused import fuse, loud_from
+from trackfield.simulation.ranged import Ranged, draw_ranges, ranges_of
 from trackfield.simulation.scenario import Carried, Scenario
 from trackfield.simulation.sensed import Loudness, Steps
 from trackfield.simulation.targets import truth_of
@@ -129,7 +130,7 @@ def network_carries(scenario: Scenario, what: Carried) -> bool:
 
 
 def _readings(world: World) -> Iterator[Heard[Readings]]:
-    scenario, kept = world.scenario, _loudness(world)
+    scenario, kept = world.scenario, _kept(world)
     sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
     for steps in _all_steps(world):
         table = _spoken(world, steps, kept, sensing)
@@ -150,7 +151,7 @@ def _reports(world: World) -> Iterator[Heard[Reports]]:
     scenario = world.scenario
     if scenario.reports is None and scenario.fusion is None:
         raise InputError("found a scenario whose sensors give readings, expected [reports]")
-    kept = _loudness(world)
+    kept = _kept(world)
     sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
     for steps in _all_steps(world):
         origin = None
@@ -166,10 +167,12 @@ def _reports(world: World) -> Iterator[Heard[Reports]]:
 
 
 def _spoken(
-    world: World, steps: Steps, kept: Loudness | None, rng: np.random.Generator
+    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
 ) -> Readings:
     """Draw what sensors say in some steps, before anything happens to it."""
     scenario = world.scenario
+    if isinstance(kept, Ranged):
+        return ranges_of(kept, world.deployment, steps)
     values = _values(world, steps, kept, rng)
     if scenario.detection is not None:
         said, kind = values > 0.0, "detection"  # silence is not said
@@ -178,26 +181,32 @@ def _spoken(
     return sensed.as_readings(values, said, world.deployment, steps=steps, kind=kind)
 
 
-def _values(world: World, steps: Steps, kept: Loudness | None, rng: np.random.Generator) -> Matrix:
+def _values(
+    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
+) -> Matrix:
     """Draw what sensors measure in some steps, (m, n)."""
     scenario, deployment = world.scenario, world.deployment
     if scenario.detection is not None:
         values = sensed.detections(
             scenario.detection, deployment, steps, struck=world.strikes, rng=rng
         )
-    elif scenario.signal is not None and kept is not None:
+    elif scenario.signal is not None and isinstance(kept, Loudness):
         values = sensed.signals(scenario.signal, deployment, steps, kept=kept, rng=rng)
     else:
-        raise InputError("found a scenario that gives reports, expected [signal] or [detection]")
+        raise InputError("found a scenario that gives reports, expected sensors that give readings")
     return sensed.stuck_values(values, world.strikes, steps)
 
 
-def _loudness(world: World) -> Loudness | None:
-    model = world.scenario.signal
-    if model is None:
-        return None
-    targets = len(world.truth.target_ids)
-    return sensed.loudness(model, world.deployment, targets, stream(world.seed, "errors"))
+def _kept(world: World) -> Loudness | Ranged | None:
+    """Draw what belongs to a run as a whole: errors that stay, and ranges."""
+    scenario, deployment, truth = world.scenario, world.deployment, world.truth
+    if scenario.range is not None:
+        rng = stream(world.seed, "sensing")
+        return draw_ranges(scenario.range, deployment, truth, rng=rng)
+    if scenario.signal is not None:
+        rng = stream(world.seed, "errors")
+        return sensed.loudness(scenario.signal, deployment, len(truth.target_ids), rng)
+    return None
 
 
 def _all_steps(world: World) -> Iterator[Steps]:
