@@ -8,7 +8,7 @@ namespace trackfield::signals {
 
 constexpr int kIterations = 30;
 constexpr int kTrialIterations = 10;  // of a start that is one of several
-constexpr double kFew = 0.25;         // share of outliers that may be let go in a first fit
+constexpr double kFew = 0.5;         // share of outliers that may be let go in a first fit
 constexpr int kSoftIterations = 4;   // with Huber's weights, before outliers are let go
 constexpr int kSoftStart = 12;       // the same where the fit begins with them
 constexpr double kDone = 1e-6;       // promised gain [nats] at which a fit ends

@@ -7,6 +7,7 @@
 
 namespace trackfield::signals {
 
+constexpr size_t kMany = 30;                     // readings that leave no second place for a source
 constexpr double kSixth = 1.0471975511965976;  // of a turn [rad]
 
 struct Found {
@@ -41,7 +42,7 @@ class Search {
             if (asked == 0) break;
             if (added > 0) settle();
         }
-        if (prune()) polish();
+        if (prune()) polish(false);
         for (int32_t i : loud)
             if (refused[i] && excess(i) >= s.leader_sigmas) suspects.push_back(i);
     }
@@ -181,7 +182,7 @@ class Search {
         start.push_back(start_at(i));
         Fit best = fitter.run(start, Trust::all);
         if (!best.good()) better(best, fitter.run(start, Trust::soft));
-        if (!best.good() && !(first && worthy(best, before))) {
+        if (!best.good() && !(first && best.n >= kMany && worthy(best, before))) {
             for (int k = 0; k < 6 && complete(); ++k) {
                 const double turn = k * kSixth, arm = 0.5 * s.leader_radius;
                 start.back() = {f.x(i) + arm * std::cos(turn), f.y(i) + arm * std::sin(turn), 0.0, i};
@@ -248,22 +249,32 @@ class Search {
 
     // Each source again, now that all are there.
     void settle() {
-        polish();
-        polish();
-        if (split()) polish();
+        polish(false);
+        polish(true);
+        if (split()) polish(false);
     }
 
-    void polish() {
+    void polish(bool elsewhere) {
         for (size_t k = 0; k < found.size() && complete(); ++k)
-            if (found[k].alive) refit(int32_t(k));
+            if (found[k].alive) refit(int32_t(k), elsewhere);
     }
 
-    void refit(int32_t k) {
+    void refit(int32_t k, bool elsewhere) {
         const std::vector<int32_t> group = group_of(k);
         const std::vector<Source> now = of(group);
         open_window(now, group, -1);
         Fit fit = fitter.run(now, Trust::settled);
         if (!fit.good()) better(fit, fitter.run(now, Trust::soft));
+        if (!fit.good() && elsewhere) {
+            std::vector<Source> start = fit.sources;
+            const Source at = start[0];
+            for (int j = 0; j < 6 && complete(); ++j) {
+                const double turn = j * kSixth, arm = s.leader_radius;
+                start[0] = {at.x + arm * std::cos(turn), at.y + arm * std::sin(turn), at.log_factor, at.leader};
+                better(fit, fitter.run(start, Trust::all, kTrialIterations));
+            }
+            better(fit, fitter.run(fit.sources, Trust::settled));
+        }
         if (fit.objective < fit.start - 1e-6 || !usable(fit)) return;
         put(k, fit, 0);
         for (size_t j = 1; j < group.size(); ++j) shift(group[j], fit.sources[j]);
