@@ -97,7 +97,11 @@ def test_a_target_at_nan_is_not_there():
     with_two = signal.expected(ROUGH, sensors, targets=targets[[0, 2]])
     np.testing.assert_allclose(signal.expected(ROUGH, sensors, targets=gone), with_two)
     assert not signal.expected(ROUGH, sensors, targets=np.full((1, 2), math.nan)).any()
-    assert signal.expected(ROUGH, sensors, targets=np.empty((0, 2))).shape == (6,)
+    for combination in ("sum", "max"):
+        model = replace(ROUGH, combination=combination)
+        assert not signal.expected(model, sensors, targets=np.empty((0, 2))).any()
+        v = signal.variance(model, sensors, targets=np.empty((0, 2)))
+        np.testing.assert_allclose(v, np.full(6, 0.25))
 
 
 def test_shapes_that_do_not_fit_are_refused():

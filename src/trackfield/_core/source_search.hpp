@@ -1,36 +1,25 @@
 // Sources of one scan: leaders speak, each is fitted with its neighbours, what brings too little goes.
 #pragma once
 
-#include <limits>
-
-#include "source_fit.hpp"
+#include "source_set.hpp"
 
 namespace trackfield::signals {
 
-constexpr size_t kMany = 30;                     // readings that leave no second place for a source
+constexpr size_t kMany = 30;                  // readings that leave no second place for a source
 constexpr double kSixth = 1.0471975511965976;  // of a turn [rad]
-
-struct Found {
-    Source source;
-    double cov[3] = {0, 0, 0};
-    double gain = 0, misfit = 0;
-    bool alive = true;
-    bool good = false;   // the readings about it are as the fit expects
-    bool whole = false;  // it was tried to be two
-};
 
 class Search {
    public:
-    std::vector<Found> found;
     std::vector<int32_t> suspects;  // sensors that say much which no source explains
     int64_t spent = 0;
 
     Search(const Field &field, const Settings &settings)
-        : f(field), s(settings), fitter(f, s, spent), sensors(f, cell_width()), most_reach(reach()), sources(f, most_reach) {
+        : f(field), s(settings), fitter(f, s, spent), sensors(f, cell_width()), most_reach(reach()), set(f, most_reach, spent), found(set.found) {
         stamp.assign(f.n, 0);
         refused.assign(f.n, 0);
     }
 
+    const std::vector<Found> &sources() const { return set.found; }
     bool complete() const { return spent < s.work; }
 
     void run() {
@@ -43,14 +32,27 @@ class Search {
             if (added > 0) settle();
         }
         if (prune()) polish(false);
-        for (int32_t i : loud)
-            if (refused[i] && excess(i) >= s.leader_sigmas) suspects.push_back(i);
+        suspect(loud);
     }
 
    private:
     struct Asked {
         int added, asked;
     };
+
+    // Leaders that were not believed and still stand out; and near sources, whoever is far off.
+    void suspect(const std::vector<int32_t> &loud) {
+        for (int32_t i : loud)
+            if (refused[i] && set.excess(i) >= s.leader_sigmas) suspects.push_back(i);
+        for (const Found &one : found) {
+            if (!one.alive) continue;
+            sensors.within(one.source.x, one.source.y, s.fit_radius, [&](int32_t i) {
+                if (std::fabs(set.excess(i)) >= s.outlier_sigmas) suspects.push_back(i);
+            });
+        }
+        std::sort(suspects.begin(), suspects.end());
+        suspects.erase(std::unique(suspects.begin(), suspects.end()), suspects.end());
+    }
 
     double reach() const {
         double most = 0;
@@ -59,39 +61,12 @@ class Search {
     }
     double cell_width() const { return std::max(s.leader_radius, 0.5 * s.fit_radius); }
 
-    // Sources near a place in order of distance, at most `most`, without `but`.
-    std::vector<int32_t> neighbours(double x, double y, int most, int32_t but = -1) const {
-        std::vector<std::pair<double, int32_t>> near;
-        sources.near(x, y, s.group_radius, [&](int32_t k) {
-            const double r = std::hypot(found[k].source.x - x, found[k].source.y - y);
-            if (k != but && r <= s.group_radius) near.push_back({r, k});
-        });
-        std::sort(near.begin(), near.end());
-        std::vector<int32_t> ids;
-        for (size_t k = 0; k < near.size() && int(k) < most; ++k) ids.push_back(near[k].second);
-        return ids;
-    }
-
-    Signal heard(size_t i) {
-        Signal sum;
-        sources.near(f.x(i), f.y(i), f.reach(i), [&](int32_t k) {
-            ++spent;
-            add(f, sum, signal_of(f, i, found[k].source));
-        });
-        return sum;
-    }
-
-    double excess(size_t i) {
-        const Signal sum = heard(i);
-        return residual_of(f, i, sum) / std::sqrt(variance_of(f, i, sum));
-    }
-
     // Leaders in order: the loudest of their neighbourhood first, later those with the most excess.
     std::vector<int32_t> speakers(const std::vector<int32_t> &loud, bool first) {
         std::vector<std::pair<double, int32_t>> order;
         for (int32_t i : loud) {
             if (refused[i]) continue;
-            const double says = first ? f.z[i] : excess(i);
+            const double says = first ? f.z[i] : set.excess(i);
             if (first ? loudest(i) : says >= s.leader_sigmas) order.push_back({-says, i});
         }
         std::sort(order.begin(), order.end());
@@ -112,7 +87,7 @@ class Search {
         bool most = true;
         sensors.within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
             if (!most || j == i || refused[j] || f.z[j] < s.leader_sigmas * f.sigma[j]) return;
-            const double other = excess(j);
+            const double other = set.excess(j);
             most = other < e || (other == e && j > i);
         });
         return most;
@@ -122,7 +97,7 @@ class Search {
         Asked o{0, 0};
         for (int32_t i : speakers(loud, first)) {
             if (!complete()) break;
-            const double e = excess(i);
+            const double e = set.excess(i);
             if (e < s.leader_sigmas || (first && e < 0.5 * f.z[i] / f.sigma[i]) || !most_excess(i, e)) continue;
             ++o.asked;
             if (lead(i, first))
@@ -147,10 +122,7 @@ class Search {
         for (const Source &c : about) take(c.x, c.y);
         double x = leader >= 0 ? f.x(leader) : about[0].x, y = leader >= 0 ? f.y(leader) : about[0].y, far = 0;
         for (const Source &c : about) far = std::max(far, std::hypot(c.x - x, c.y - y));
-        std::vector<int32_t> others;
-        sources.near(x, y, far + s.fit_radius + most_reach, [&](int32_t k) {
-            if (std::find(group.begin(), group.end(), k) == group.end()) others.push_back(k);
-        });
+        const std::vector<int32_t> others = set.others(x, y, far + s.fit_radius + most_reach, group);
         spent += int64_t(others.size() * fitter.sensors.size());
         fitter.background.assign(fitter.sensors.size(), Signal());
         for (size_t j = 0; j < fitter.sensors.size(); ++j)
@@ -163,7 +135,7 @@ class Search {
         double x = 0, y = 0, mass = 0;
         sensors.within(f.x(i), f.y(i), s.leader_radius, [&](int32_t j) {
             if (refused[j]) return;
-            const double r = std::max(0.0, residual_of(f, j, heard(j)));
+            const double r = std::max(0.0, residual_of(f, j, set.heard(j)));
             x += r * f.x(j), y += r * f.y(j), mass += r;
         });
         return {x / mass, y / mass, 0.0, i};
@@ -174,9 +146,8 @@ class Search {
     // The loudest of a neighbourhood shows well where its source is; what others left over does not,
     // and may be half of a pair that one source was fitted to: more starts are tried.
     bool lead(int32_t i, bool first) {
-        const std::vector<int32_t> group = neighbours(f.x(i), f.y(i), s.group - 1);
-        std::vector<Source> start;
-        for (int32_t k : group) start.push_back(found[k].source);
+        const std::vector<int32_t> group = set.neighbours(f.x(i), f.y(i), s.group_radius, s.group - 1);
+        std::vector<Source> start = set.of(group);
         open_window(start, group, i);
         const Fit before = fitter.judge(start);
         start.push_back(start_at(i));
@@ -191,7 +162,7 @@ class Search {
             better(best, fitter.run(best.sources, Trust::all));
         }
         if (!worthy(best, before) || !usable(best)) return false;
-        accept(best, group);
+        set.add_last(best, group, best.objective - before.objective);
         return true;
     }
 
@@ -201,14 +172,6 @@ class Search {
 
     static void better(Fit &best, Fit other) {
         if (other.objective > best.objective) best = std::move(other);
-    }
-
-    void accept(const Fit &fit, const std::vector<int32_t> &group) {
-        for (size_t k = 0; k < group.size(); ++k) put(group[k], fit, k);
-        const int32_t fresh = int32_t(found.size());
-        found.push_back({fit.sources.back()});
-        sources.insert(fresh, fit.sources.back());
-        put(fresh, fit, group.size());
     }
 
     // Every source stands where its leader can hear it, and has a covariance.
@@ -221,30 +184,11 @@ class Search {
         return true;
     }
 
-    void shift(int32_t k, const Source &to) {
-        sources.remove(k, found[k].source);
-        found[k].source = to;
-        sources.insert(k, to);
-    }
-
-    void put(int32_t k, const Fit &fit, size_t place) {
-        shift(k, fit.sources[place]);
-        Found &one = found[k];
-        std::copy_n(fit.covariance.begin() + 3 * place, 3, one.cov);
-        one.misfit = fit.chi2 / double(std::max<size_t>(fit.n, 1));
-        one.good = fit.good();
-    }
-
     std::vector<int32_t> group_of(int32_t k) const {
-        std::vector<int32_t> group = neighbours(found[k].source.x, found[k].source.y, s.group - 1, k);
+        const Source &at = found[k].source;
+        std::vector<int32_t> group = set.neighbours(at.x, at.y, s.group_radius, s.group - 1, k);
         group.insert(group.begin(), k);
         return group;
-    }
-
-    std::vector<Source> of(const std::vector<int32_t> &group) const {
-        std::vector<Source> o;
-        for (int32_t k : group) o.push_back(found[k].source);
-        return o;
     }
 
     // Each source again, now that all are there.
@@ -261,9 +205,10 @@ class Search {
 
     void refit(int32_t k, bool elsewhere) {
         const std::vector<int32_t> group = group_of(k);
-        const std::vector<Source> now = of(group);
+        const std::vector<Source> now = set.of(group);
         open_window(now, group, -1);
         Fit fit = fitter.run(now, Trust::settled);
+        const double before = fit.start;
         if (!fit.good()) better(fit, fitter.run(now, Trust::soft));
         if (!fit.good() && elsewhere) {
             std::vector<Source> start = fit.sources;
@@ -275,9 +220,9 @@ class Search {
             }
             better(fit, fitter.run(fit.sources, Trust::settled));
         }
-        if (fit.objective < fit.start - 1e-6 || !usable(fit)) return;
-        put(k, fit, 0);
-        for (size_t j = 1; j < group.size(); ++j) shift(group[j], fit.sources[j]);
+        if (fit.objective < before - 1e-6 || !usable(fit)) return;
+        set.put(k, fit, 0);
+        for (size_t j = 1; j < group.size(); ++j) set.shift(group[j], fit.sources[j]);
     }
 
     // One source of free strength can look like two: each is tried as a pair, in three directions.
@@ -296,7 +241,7 @@ class Search {
     bool halve(int32_t k) {
         std::vector<int32_t> group = group_of(k);
         if (int(group.size()) > std::max(s.group - 1, 1)) group.resize(std::max(s.group - 1, 1));
-        const std::vector<Source> now = of(group);
+        const std::vector<Source> now = set.of(group);
         open_window(now, group, -1);
         const double before = fitter.judge(now).objective;
         Fit best;
@@ -311,9 +256,10 @@ class Search {
             start.front().log_factor = start.back().log_factor -= 0.6931471805599453;
             better(best, fitter.run(start, Trust::all, kTrialIterations));
         }
+        if (best.sources.empty()) return false;
         better(best, fitter.run(best.sources, Trust::all));
         if (!(best.objective - before > s.split_gain) || !usable(best)) return false;
-        accept(best, group);
+        set.add_last(best, group, best.objective - before);
         return true;
     }
 
@@ -323,17 +269,16 @@ class Search {
         for (size_t k = found.size(); k-- > 0 && complete();) {
             if (!found[k].alive) continue;
             std::vector<int32_t> group = group_of(int32_t(k));
-            open_window(of(group), group, -1);
-            const double with = fitter.judge(of(group)).objective;
+            open_window(set.of(group), group, -1);
+            const double with = fitter.judge(set.of(group)).objective;
             group.erase(group.begin());
-            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(of(group), Trust::settled);
+            const Fit rest = group.empty() ? fitter.judge({}) : fitter.run(set.of(group), Trust::settled);
             found[k].gain = with - rest.objective;
             if (found[k].gain > least) continue;
             any = true;
-            found[k].alive = false;
-            sources.remove(int32_t(k), found[k].source);
+            set.remove(int32_t(k));
             if (!group.empty() && usable(rest))
-                for (size_t j = 0; j < group.size(); ++j) put(group[j], rest, j);
+                for (size_t j = 0; j < group.size(); ++j) set.put(group[j], rest, j);
         }
         return any;
     }
@@ -343,7 +288,8 @@ class Search {
     Fitter fitter;
     SensorIndex sensors;
     double most_reach;
-    SourceIndex sources;
+    SourceSet set;
+    std::vector<Found> &found;
     std::vector<int32_t> stamp;
     std::vector<char> refused;
     int32_t mark = 0;

@@ -63,7 +63,7 @@ static nb::tuple locate(InMatrix places, In z, nb::list columns, double factor_s
         nb::gil_scoped_release release;
         Search search(f, s);
         search.run();
-        for (const Found &one : search.found) {
+        for (const Found &one : search.sources()) {
             if (!one.alive) continue;
             const double row[] = {one.source.x, one.source.y, one.cov[0], one.cov[1], one.cov[2], std::exp(one.source.log_factor), one.gain, one.misfit};
             numbers.insert(numbers.end(), row, row + 8);

@@ -43,7 +43,7 @@ def model(range_m: float) -> SignalModel:
 
 
 def fig4(samples: int = 6000, *, fits: int = 500, seed: int = 4) -> Fig4:
-    """Draw `samples` targets for each sensing range: the rule locates all, the fit the first `fits`.
+    """Draw `samples` targets for each sensing range: the rule locates all, the fit `fits`.
 
     The reading of the setup that reproduces the figure: sensors 1 m apart on a grid whose border is
     far; a target anywhere between four of them; threshold 2 sigma; of all reports the one nearest

@@ -26,8 +26,8 @@ class Sources(NamedTuple):
     sensor that found it, from which the report sets out; `misfit` (k,), chi^2 over the number of
     readings about it, near 1 where the model is right. What a method does not say is NaN.
 
-    `suspects` are sensors whose readings no source explains: stuck, or broken otherwise. `complete`
-    is false where the scan would have cost more than it may.
+    `suspects` are sensors whose readings no source explains: stuck, dead, broken otherwise, or in a
+    crowd that cannot be resolved. `complete` is false where a scan would have cost too much.
     """
 
     position: Matrix

@@ -111,7 +111,7 @@ def jacobian(
 ) -> Matrix:
     """Slope (..., n, k, 2) [1/m] of `expected` in the targets' positions (..., k, 2)."""
     single = _single(models, sensors, targets, factors)
-    if models.combination == "max":
+    if models.combination == "max" and targets.shape[-2] > 1:
         strongest = np.asarray(single.strength.argmax(-1), np.intp)
         return single.gradient * np.eye(targets.shape[-2])[strongest][..., None]
     return single.gradient
