@@ -53,6 +53,12 @@ def calibrate(
     as_json: Json = False,
 ) -> None:
     """Fit the sensors' models of SITE to the readings of DATA, knowing the TRUTH."""
+    from trackfield.cli.calibrate_detections import (
+        calibrated_detections,
+        detection_numbers,
+        show_detections,
+    )
+    from trackfield.network.kinds import kind_of
     from trackfield.network.site_file import load_site
     from trackfield.network.site_writer import sensors_file_for, write_site
 
@@ -63,18 +69,29 @@ def calibrate(
     if plot is not None:
         check_figure(plot)
         check_output(plot, (site, *inputs))
-    with progress("calibrating") as moved:
-        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved, method=chosen)
-    for warning in warnings:
-        warn(warning)
-    write_site(calibration.site, output, comment=f"Calibrated on {data.name} with {truth.name}.")
+    binary = {kind_of(model) for model in loaded.models} == {"detection"}
+    if binary and (plot is not None or chosen != "robust"):
+        problem = "found --plot or --method, which are for ranges, on a site of binary sensors"
+        raise ConfigurationError([f"{site}: {problem}"])
     file = loaded.sensors_file
     result: dict[str, Any] = {
         "site": str(output),
         "sensors_file": str(sensors_file_for(file, output.parent)) if file else None,
-        **_numbers(calibration),
-        "warnings": warnings,
     }
+    comment = f"Calibrated on {data.name} with {truth.name}."
+    if binary:
+        with progress("calibrating") as moved:
+            found = calibrated_detections(loaded, data, truth, moved)
+        write_site(found.site, output, comment=comment)
+        result |= {**detection_numbers(found), "warnings": []}
+        (emit if as_json else show_detections)(result)
+        return
+    with progress("calibrating") as moved:
+        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved, method=chosen)
+    for warning in warnings:
+        warn(warning)
+    write_site(calibration.site, output, comment=comment)
+    result |= {**_numbers(calibration), "warnings": warnings}
     if plot is not None:
         from trackfield.plotting.calibration import plot_calibration
         from trackfield.plotting.style import save
