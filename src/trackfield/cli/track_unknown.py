@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 DROPPED = {
     "duplicate": "came again",
     "late": "came later than tracker.window_steps = {window} allows",
-    "ahead": "were far ahead of all others, as of a clock that jumped",
+    "ahead": "came from far ahead of all others, as of a clock that jumped",
     "outside": "lay outside the region",
-    "flooded": "were more than a step takes",
+    "flooded": "came on top of all that a step takes",
 }
 
 
