@@ -189,6 +189,16 @@ def test_a_report_tells_its_own_covariance():
     np.testing.assert_allclose(tracker.estimates(state).mean, [expected.mean])
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_report_is_near_along_its_long_axis(sign):
+    tracker = Nearest(SCENE)
+    state = run(tracker, [scan_of(t, [(50, 50)], first=t) for t in range(4)])
+    places, long = [(52, 52), (48, 52)], np.array([[4.0, 3.8 * sign, 4.0]] * 2)
+    state = run(tracker, [scan_of(4, places, first=4, covariance=long)], state)
+    taken = tracker.explain(state, 1).alternatives[0].reports[-1]
+    assert taken == (4 if sign > 0 else 5)
+
+
 @pytest.mark.parametrize(
     ("seen", "shown"),
     [
@@ -338,6 +348,14 @@ def test_reports_outside_and_told_twice_are_dropped_and_counted():
         1,
         11,
     ]  # the one outside brought nothing more
+
+
+def test_a_late_report_may_stand_where_one_of_another_scan_stood():
+    tracker = Nearest(SCENE)
+    state = run(tracker, [scan_of(0, [(50, 50)]), scan_of(1, [], first=1)])
+    state, info = tracker.step(state, scan_of(2, [], first=1), [scan_of(1, [(50, 50)], first=1)])
+    assert info.counts["duplicate"] == 0
+    assert tracker.explain(state, 1).alternatives[0].reports[-3:] == (0, 1, -1)
 
 
 def test_a_burst_is_bounded_and_forgotten_and_silence_holds_nothing():

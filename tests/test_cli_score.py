@@ -145,3 +145,19 @@ def test_gaps_of_the_truth_of_many_are_bridged_on_demand(call, crowd):
     assert call("score", *crowd, "--json").json["misses"] == 0
     assert call("score", *crowd, "--json").json["false_positives"] == 2
     assert call("score", *crowd, "--json", "--max-gap", "2").json["false_positives"] == 1
+
+
+def test_many_targets_are_drawn(call, crowd, tmp_path):
+    picture = tmp_path / "score.png"
+    done = call("score", *crowd, "--plot", picture, "--json")
+    assert (done.code, done.json["switches"]) == (0, 2)
+    assert picture.stat().st_size > 10_000
+    refused = call("score", *crowd, "--plot", crowd[0])
+    assert (refused.code, refused.out) == (2, "")
+
+
+def test_options_of_many_are_refused_where_targets_have_names(call, files, tmp_path):
+    done = call("score", *files, "--cutoff", "3", "--plot", tmp_path / "a.png")
+    assert (done.code, done.out) == (2, "")
+    assert "found --cutoff, --plot and tracks that name their targets" in done.err
+    assert call("score", *files, "--cutoff", "3", "--many", "--json").json["cutoff_m"] == 3.0

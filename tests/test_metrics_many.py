@@ -12,7 +12,7 @@ from benches import load
 from score_runs import make_tracks, make_truth, random_run
 from trackfield.errors import InputError
 from trackfield.metrics.cardinality import cardinality
-from trackfield.metrics.many import Measure, asks_for_many, score_many, score_steps
+from trackfield.metrics.many import Measure, asks_for_many, followed, score_many, score_steps
 from trackfield.metrics.steps import pairs, side_by_side
 from trackfield.types import Status, select_rows
 
@@ -231,6 +231,23 @@ def test_pairs_are_all_within_reach_and_no_others():
     assert np.column_stack(near[:2]).tolist() == expected.tolist()
     np.testing.assert_allclose(near.distance, apart[near.truth, near.shown])
     assert near.within(1.0).distance.tolist() == [d for d in near.distance if d < 1.0]
+
+
+def test_near_is_less_than_the_reach():
+    steps = side_by_side(make_truth([(0, 0, 0, 0)]), make_tracks([(0, 0, 3, 4)]))
+    assert pairs(steps, 5.0).distance.size == 0
+    assert pairs(steps, 5.001).within(5.0).distance.size == 0
+    assert pairs(steps, 5.001).within(5.001).distance.size == 1
+
+
+def test_rows_of_tracks_follow_the_targets_that_they_match():
+    rows = [(0, 4, 0, 9), (0, 3, 0, 1), (1, 4, 1, 1), (1, 3, 1, 2), (2, 3, 2, 80), (2, 3, 2, 90)]
+    found = followed(make_truth(BOTH), make_tracks(rows))
+    assert found.tolist() == [1, 0, -1, 0, -1, -1]
+    near = followed(make_truth(BOTH), make_tracks(rows), match_m=1.5)
+    assert near.tolist() == [1, 0, 0, -1, -1, -1]
+    hidden = make_tracks(rows, status=[Status.TENTATIVE] * 6)
+    assert (followed(make_truth(BOTH), hidden) == -1).all()
 
 
 def test_tracks_without_names_ask_for_scores_of_many():

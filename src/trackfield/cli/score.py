@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfield.cli.output import Json, emit, naming, number, say, show_table, warn
+from trackfield.cli.output import (
+    Json,
+    check_figure,
+    check_output,
+    emit,
+    naming,
+    number,
+    say,
+    show_table,
+    warn,
+)
+from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from trackfield.metrics.many import ManyScore
@@ -25,22 +36,21 @@ def score(
         typer.Option("--many", help="Score as many targets without names, as untagged tracks are."),
     ] = False,
     cutoff: Annotated[
-        float, typer.Option(metavar="M", help="Cut-off c of OSPA and GOSPA [m], with --many.")
-    ] = 5.0,
+        float | None, typer.Option(metavar="M", help="Of many: cut-off c of OSPA and GOSPA [m], 5.")
+    ] = None,
     order: Annotated[
-        float, typer.Option(metavar="P", help="Order p of OSPA and GOSPA, with --many.")
-    ] = 2.0,
+        float | None, typer.Option(metavar="P", help="Of many: order p of OSPA and GOSPA, 2.")
+    ] = None,
     match: Annotated[
         float | None,
         typer.Option(
-            metavar="M", help="A track this near may be a target's [m], with --many: the cut-off."
+            metavar="M", help="Of many: a track this near may be a target's [m], the cut-off."
         ),
     ] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
-            metavar="S",
-            help="Rows this near to a step of the truth are of it [s], with --many: half a step.",
+            metavar="S", help="Of many: rows this near to a step are of it [s], half a step."
         ),
     ] = None,
     max_gap: Annotated[
@@ -48,30 +58,53 @@ def score(
         typer.Option(
             metavar="S",
             min=0.0,
-            help="Bridge gaps of the truth up to this long [s]: 1, with --many 0.",
+            help="Bridge gaps of the truth up to this long [s]: 1, of many 0.",
         ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="PNG", help="Of many: draw who was followed by which track."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare TRACKS with TRUTH, target by target.
 
-    Tracks that name no target are scored as sets of many targets: GOSPA, MOTA, IDF1, SIAP.
+    Tracks that name no target are scored as sets of many: GOSPA, MOTA, IDF1, SIAP.
     """
     from trackfield.io.tracks import read_tracks
     from trackfield.io.truth import read_truth
-    from trackfield.metrics.many import Measure, asks_for_many, score_many
+    from trackfield.metrics.many import USUAL, asks_for_many, score_many
 
+    if plot is not None:
+        check_figure(plot)
+        check_output(plot, (truth, tracks))
     known, found = read_truth(truth), read_tracks(tracks)
-    if many or asks_for_many(known, found):
-        measure = Measure(cutoff, order, match)
-        with naming(truth, tracks):
-            total = score_many(
-                known, found, measure=measure, tolerance_s=tolerance, max_gap_s=max_gap or 0.0
-            )
-        _show_many(total, as_json=as_json)
-    else:
+    if not (many or asks_for_many(known, found)):
+        told = {"cutoff": cutoff, "order": order, "match": match, "tolerance": tolerance}
+        _refuse({**told, "plot": plot})
         with naming(truth, tracks):
             _show_by_target(known, found, 1.0 if max_gap is None else max_gap, as_json=as_json)
+        return
+    measure = USUAL._replace(
+        cutoff_m=USUAL.cutoff_m if cutoff is None else cutoff,
+        order=USUAL.order if order is None else order,
+        match_m=match,
+    )
+    with naming(truth, tracks):
+        total = score_many(
+            known, found, measure=measure, tolerance_s=tolerance, max_gap_s=max_gap or 0.0
+        )
+        if plot is not None:
+            _draw(known, found, total, plot)
+    _show_many(total, as_json=as_json)
+
+
+def _refuse(options: dict[str, object]) -> None:
+    """Refuse options of many targets where targets have names."""
+    told = [f"--{name}" for name, value in options.items() if value is not None]
+    if told:
+        problem = f"found {', '.join(told)} and tracks that name their targets, expected --many"
+        raise ConfigurationError([problem])
 
 
 def _show_by_target(truth: Truth, tracks: Tracks, max_gap_s: float, *, as_json: bool) -> None:
@@ -113,6 +146,16 @@ def _show_many(one: ManyScore, *, as_json: bool) -> None:
         f"c {measure.cutoff_m:g} m, p {measure.order:g}, match {measure.match_m:g} m"
     )
     show_table(("score", "value", "best"), _many_rows(one))
+
+
+def _draw(truth: Truth, tracks: Tracks, one: ManyScore, path: Path) -> None:
+    from trackfield.metrics.many import followed
+    from trackfield.plotting.many import Scenery, plot_many
+    from trackfield.plotting.style import save
+
+    match_m = one.measure.match_m or one.measure.cutoff_m
+    scenery = Scenery(truth=truth, followed=followed(truth, tracks, match_m=match_m))
+    save(plot_many(tracks, scenery, title=f"GOSPA {one.sets.gospa_m:.3f} m"), path)
 
 
 def _many_rows(one: ManyScore) -> list[tuple[str, str, str]]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.metrics.cardinality import Cardinality, cardinality
-from trackfield.metrics.clearmot import ClearMot, clear_mot
+from trackfield.metrics.clearmot import ClearMot, clear_mot, match_steps
 from trackfield.metrics.error import shown
 from trackfield.metrics.identity import Identity, identity
 from trackfield.metrics.ospa import SetDistances, set_distances
 from trackfield.metrics.siap import Siap, siap
 from trackfield.metrics.steps import Steps, pairs, side_by_side
-from trackfield.types import Tracks, Truth, Vector
+from trackfield.types import Indices, Tracks, Truth, Vector
 
 
 class Measure(NamedTuple):
@@ -120,6 +120,19 @@ def score_steps(steps: Steps, *, measure: Measure = USUAL) -> ManyScore:
         t_s=steps.t_s,
         over_time=sets,
     )
+
+
+def followed(truth: Truth, tracks: Tracks, *, match_m: float = 5.0) -> Indices:
+    """Say which target (n,) each row of tracks follows, by the matches of CLEAR-MOT; -1 for none.
+
+    Rows that are not shown follow none. Errors are those of `score_many`.
+    """
+    steps = side_by_side(truth, tracks)
+    near = pairs(steps, match_m)
+    chosen = match_steps(steps, near).chosen
+    target = np.full(len(tracks), -1, np.int32)
+    target[steps.row[near.shown[chosen]]] = steps.truth.who[near.truth[chosen]]
+    return target
 
 
 def asks_for_many(truth: Truth, tracks: Tracks) -> bool:

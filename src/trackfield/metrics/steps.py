@@ -35,8 +35,9 @@ class Rows(NamedTuple):
 class Steps(NamedTuple):
     """Targets and shown tracks at the times `t_s` (T,) of the steps.
 
-    `targets` and `tracks` are the numbers of identities; `off_steps` counts shown rows that belong
-    to no step: before, after, or between them.
+    `targets` and `tracks` are the numbers of identities; `row` (m,) says which rows of the table of
+    tracks `shown` is made of; `off_steps` counts shown rows that belong to no step: before, after,
+    or between them.
     """
 
     t_s: Vector
@@ -44,6 +45,7 @@ class Steps(NamedTuple):
     shown: Rows
     targets: int
     tracks: int
+    row: Indices
     off_steps: int
 
 
@@ -103,6 +105,7 @@ def side_by_side(
         shown=Rows(_index(step[rows]), _index(who[rows]), tracks.position[visible[rows], :2]),
         targets=len(truth.target_ids),
         tracks=int(numbers.size),
+        row=_index(visible[rows]),
         off_steps=off_steps,
     )
 
