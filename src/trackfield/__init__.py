@@ -5,8 +5,10 @@ The flow, in the order of the rooms:
     io            readings come in from files, tracks go out
     network       the site: sensors, their places, and which model each has
     sensing       what one sensor says of a target: expectation, noise, statistics
-    localization  readings of one moment -> a position
+    localization  readings of one moment -> positions
     filtering     belief over time: Kalman filters, mixtures of motions, smoothing
+    association   which report belongs to which target, where none is named
+    hierarchy     tracking groups side by side: hand-over, fusion of their tracks
     pipeline      the stages joined: process / snapshot / restore
     calibration   a run with truth -> the sensors' models
     metrics       tracks against truth
@@ -29,14 +31,24 @@ if TYPE_CHECKING:
         stream_readings,
         write_readings,
     )
+    from trackfield.io.reports import (
+        read_reports,
+        reports_from_columns,
+        stream_reports,
+        write_reports,
+    )
     from trackfield.io.tracks import read_tracks, write_tracks
     from trackfield.io.truth import read_truth, write_truth
     from trackfield.network.site import Site
     from trackfield.network.site_file import load_site, site_from_toml
     from trackfield.network.site_writer import write_site
+    from trackfield.pipeline.extent import settled
     from trackfield.pipeline.tagged import Tracker
+    from trackfield.pipeline.untagged import Feed, UntaggedTracker
+    from trackfield.sensing.detection import DetectionModel
     from trackfield.sensing.range import RangeModel
-    from trackfield.types import Readings, Status, Tracks, Truth
+    from trackfield.sensing.signal import SignalModel
+    from trackfield.types import Readings, Reports, Status, Tracks, Truth
 
 __version__ = "0.1.0"
 
@@ -49,22 +61,36 @@ _ROOMS = {
         "stream_readings",
         "write_readings",
     ),
+    "io.reports": (
+        "read_reports",
+        "reports_from_columns",
+        "stream_reports",
+        "write_reports",
+    ),
     "io.tracks": ("read_tracks", "write_tracks"),
     "io.truth": ("read_truth", "write_truth"),
     "network.site": ("Site",),
     "network.site_file": ("load_site", "site_from_toml"),
     "network.site_writer": ("write_site",),
+    "pipeline.extent": ("settled",),
     "pipeline.tagged": ("Tracker",),
+    "pipeline.untagged": ("Feed", "UntaggedTracker"),
+    "sensing.detection": ("DetectionModel",),
     "sensing.range": ("RangeModel",),
-    "types": ("Readings", "Status", "Tracks", "Truth"),
+    "sensing.signal": ("SignalModel",),
+    "types": ("Readings", "Reports", "Status", "Tracks", "Truth"),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
     "ConfigurationError",
+    "DetectionModel",
+    "Feed",
     "InputError",
     "RangeModel",
     "Readings",
+    "Reports",
+    "SignalModel",
     "Site",
     "StateError",
     "Status",
@@ -72,18 +98,24 @@ __all__ = [
     "TrackfieldError",
     "Tracks",
     "Truth",
+    "UntaggedTracker",
     "__version__",
     "calibrate",
     "load_site",
     "read_readings",
+    "read_reports",
     "read_tracks",
     "read_truth",
     "readings_from_columns",
+    "reports_from_columns",
     "score",
+    "settled",
     "site_from_toml",
     "stream_readings",
+    "stream_reports",
     "track",
     "write_readings",
+    "write_reports",
     "write_site",
     "write_tracks",
     "write_truth",
