@@ -161,3 +161,13 @@ def test_options_of_many_are_refused_where_targets_have_names(call, files, tmp_p
     assert (done.code, done.out) == (2, "")
     assert "found --cutoff, --plot and tracks that name their targets" in done.err
     assert call("score", *files, "--cutoff", "3", "--many", "--json").json["cutoff_m"] == 3.0
+
+
+def test_targets_with_other_times_each_are_told(call, crowd):
+    truth, _ = crowd
+    truth.write_text(
+        "t_s,target_id,x_m,y_m\n"
+        + "".join(f"{t + w / 2},{'ab'[w]},{t},{9 * w}\n" for t in range(6) for w in (0, 1))
+    )
+    assert "a row at 55 % of the steps" in call("score", *crowd).err
+    assert call("score", *crowd, "--max-gap", "1").err == ""

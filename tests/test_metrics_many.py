@@ -155,7 +155,9 @@ def test_truth_between_its_rows_is_a_straight_line_where_asked_for():
     other = [(t + 0.5 * who, who, t + 0.5 * who, y) for t, who, _, y in BOTH]
     fine = [(t / 2, who, t / 2, 10.0 * who) for t in range(40) for who in (0, 1)]
     assert scored(other, fine).clear_mot.false_positives == 40
+    assert scored(other, fine).extent.presence == pytest.approx(40 / 78)
     joined = scored(other, fine, max_gap_s=1.0)
+    assert joined.extent.presence == 1.0
     assert joined.clear_mot.misses == 0
     assert joined.clear_mot.false_positives == 2  # beyond the ends of either
     assert joined.clear_mot.motp_m == pytest.approx(0.0, abs=1e-12)
@@ -180,7 +182,7 @@ def test_no_tracks_miss_everything():
 def test_no_targets_make_everything_false_at_told_times():
     steps = side_by_side(make_truth([], ()), make_tracks(BOTH), times_s=np.arange(25.0))
     found = score_steps(steps)
-    assert found.clear_mot.mota is None
+    assert found.clear_mot.mota is found.extent.presence is None
     assert found.sets.false == pytest.approx(40 / 25)
     json.dumps(found.to_dict(), allow_nan=False)
     empty = score_steps(side_by_side(make_truth([]), make_tracks([]), times_s=np.arange(3.0)))

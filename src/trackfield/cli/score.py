@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from trackfield.metrics.score import Score
     from trackfield.types import Tracks, Truth
 
+_PRESENT = 0.6  # share of its steps at which a target is usually there
+
 COLUMNS = ("RMSE [m]", "median [m]", "p95 [m]", "in 95 %", "NIS", "shown")
 
 
@@ -138,6 +140,11 @@ def _show_many(one: ManyScore, *, as_json: bool) -> None:
     extent, measure = one.extent, one.measure
     if extent.off_steps:
         warn(f"{extent.off_steps} shown rows are at no step of the truth: not scored")
+    if extent.presence is not None and extent.presence < _PRESENT:
+        warn(
+            f"targets have a row at {100 * extent.presence:.0f} % of the steps of their lives: if "
+            "they have other times, --max-gap bridges them"
+        )
     if as_json:
         emit(one.to_dict())
         return

@@ -44,12 +44,17 @@ class SetScore(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """What was scored: numbers of steps, targets and tracks, rows shown at no step."""
+    """What was scored: numbers of steps, targets and tracks, rows shown at no step.
+
+    `presence` is the share of steps from a target's first to its last row at which the truth has
+    it: far below 1 if targets have rows at different times (None without targets).
+    """
 
     steps: int
     targets: int
     tracks: int
     off_steps: int
+    presence: float | None
 
 
 class ManyScore(NamedTuple):
@@ -115,7 +120,9 @@ def score_steps(steps: Steps, *, measure: Measure = USUAL) -> ManyScore:
         clear_mot=clear_mot(steps, matching),
         identity=identity(steps, matching),
         siap=siap(steps, matching),
-        extent=Extent(steps.t_s.size, steps.targets, steps.tracks, steps.off_steps),
+        extent=Extent(
+            steps.t_s.size, steps.targets, steps.tracks, steps.off_steps, _presence(steps)
+        ),
         measure=measure._replace(match_m=match_m),
         t_s=steps.t_s,
         over_time=sets,
@@ -147,6 +154,16 @@ def asks_for_many(truth: Truth, tracks: Tracks) -> bool:
         return True
     rows = np.unique(np.column_stack([tracks.t_s[visible], tracks.track[visible]]), axis=0)
     return bool(np.any(np.diff(rows[:, 0]) == 0))
+
+
+def _presence(steps: Steps) -> float | None:
+    rows = steps.truth.who.size
+    if not rows:
+        return None
+    first, last = np.full(steps.targets, steps.t_s.size), np.full(steps.targets, -1)
+    np.minimum.at(first, steps.truth.who, steps.truth.step)
+    np.maximum.at(last, steps.truth.who, steps.truth.step)
+    return rows / float(np.sum(last - first + 1, where=last >= 0))
 
 
 def _span(t_s: Vector) -> str:
