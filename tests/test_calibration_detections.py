@@ -206,6 +206,7 @@ def test_rates_are_those_of_a_general_optimiser():
     """The same likelihood written out sensor by sensor, maximised by SciPy."""
     drawn = draw(np.random.default_rng(3), np.full(8, 0.6), q=0.08)
     drawn.detected[:, 0] = False
+    drawn.detected[:, 1] = np.random.default_rng(8).random(400) < 0.6
 
     def cost(x):
         p, q = expit(x)
@@ -227,6 +228,7 @@ def test_rates_are_those_of_a_general_optimiser():
     np.testing.assert_allclose([found.p, found.q], expit(best.x), rtol=2e-3)
     assert found.log_likelihood == pytest.approx(-best.fun, abs=1e-3)
     assert found.dead[0] > 0.999
+    assert found.babbling[1] > 0.999
     np.testing.assert_allclose(found.alive + found.dead + found.babbling, 1.0)
     h = 1e-3
     hessian = np.array(
@@ -321,8 +323,12 @@ def test_a_run_that_cannot_be_used_is_refused(change, words):
         calibrate_detections(replace(run, **change))
 
 
-def test_wrong_models_and_delivery_are_refused():
+def test_wrong_models_and_delivery_are_refused(monkeypatch):
     run, _ = make(World(), 7)
+    with monkeypatch.context() as small:
+        small.setattr("trackfield.calibration.detections._MOST_PAIRS", 10_000)
+        with pytest.raises(InputError, match="found 75 steps of 144 sensors and 1 targets"):
+            calibrate_detections(run)
     with pytest.raises(ConfigurationError, match="radius_m"):
         calibrate_detections(run, DetectionModel(radius_m=-1.0))
     with pytest.raises(InputError, match="models: found 2, expected one or 144"):
@@ -385,6 +391,9 @@ def test_rows_of_zero_say_that_silence_is_reported():
     assert found.heard is not None
     np.testing.assert_array_equal(found.heard.ravel(), kept)
     np.testing.assert_array_equal(found.detected, run.detected & found.heard)
+    later = detection_run(field_site(), replace(readings, t_s=readings.t_s + 20.4), truth)
+    np.testing.assert_allclose(later.t_s, 20.4 + np.arange(75), atol=0.01)
+    np.testing.assert_array_equal(later.detected, run.detected)
     slow = field_site(reports=ReportSettings(step_s=5.0))
     assert detection_run(slow, readings, truth).t_s.size == 16
 

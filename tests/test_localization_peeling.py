@@ -101,6 +101,11 @@ def test_pairs_of_a_fine_grid_are_thinned_and_stay_bounded():
     assert found is not None
     xs = sorted(part.position[0] for part in found)
     np.testing.assert_allclose(xs, [16.0, 27.0], atol=1.5)
+    coarse = split(CELLS, Scan(z, np.ones(100)), known(CELLS, []), near=middle, prior=16e-4)
+    assert coarse is not None  # 16 fine cells are one coarse one: the same share for two
+    assert math.log(1e-4 * found[0].odds) == pytest.approx(
+        math.log(16e-4 * coarse[0].odds), abs=0.6
+    )
 
 
 def test_close_targets_are_told_apart_more_often_than_by_peeling_alone(monkeypatch):

@@ -29,6 +29,7 @@ Health = Literal["alive", "dead", "babbling", "unsure"]
 _SURE = 0.95  # from here a node is called alive, dead or babbling; no evidence is not enough
 _STANDING_M_S = 0.1  # who is slower is not a moving object, Oh III.A
 _LEAST_STEPS = 10
+_MOST_PAIRS = 20_000_000  # steps times sensors times targets: bounds memory and time
 _LEAST_COVERED = 30  # steps and sensors with a target inside, in all
 
 
@@ -237,6 +238,12 @@ def _shapes(
             raise InputError(f"{name}: found a value that is not a number, expected all finite")
     if not run.truth_s.size:
         raise InputError("truth: found no rows, expected where the targets were")
+    targets = np.unique(run.target).size
+    if steps * n * targets > _MOST_PAIRS:
+        raise InputError(
+            f"found {steps} steps of {n} sensors and {targets} targets, expected at most "
+            f"{_MOST_PAIRS} in all, steps times sensors times targets: cut the run"
+        )
     given = [models or DetectionModel()] if isinstance(models, DetectionModel | None) else models
     columns = detection.columns(given)
     if columns.radius_m.size not in {1, n}:
