@@ -178,10 +178,34 @@ def test_targets_leave_at_the_border_or_bounce_from_it():
         assert whole == 50 if border == "bounce" else whole < 25
 
 
+def test_a_bounce_is_the_mirror_image_of_going_on():
+    keys = {"count": 20, "speed_m_s": (5.0, 5.0), "accel_sigma_m_s2": 0.5, "border": "bounce"}
+    for _, place in paths(make_world(party(**keys))):
+        step = np.diff(place, axis=0)
+        off = np.abs(np.abs(step[1:]) - np.abs(step[:-1])) > 3.0  # beyond six sigma of a push
+        wall = (
+            np.minimum(place[1:-1], 100.0 - place[1:-1])
+            < np.maximum(np.abs(step[1:]), np.abs(step[:-1])) + 3.0
+        )
+        assert (wall | ~off).all()  # speed changes at walls only, in the step that is folded
+        assert ((place > 0.0) & (place < 100.0)).all()
+
+
+def test_a_crossing_that_stops_stands_still():
+    crossing = party(
+        motion="crossing", count=20, speed_m_s=(1.0, 1.0), accel_sigma_m_s2=0.1,
+        go_s=(5.0, 6.0), stop_s=(4.0, 5.0), within_m=30.0,
+    )  # fmt: skip
+    for _, place in paths(make_world(crossing)):
+        still = (np.diff(place, axis=0) == 0.0).all(axis=1)
+        if len(place) > 20:
+            assert 0.2 < still.mean() < 0.5
+
+
 def test_a_crossing_goes_straight_from_border_to_border_past_the_middle():
     world = make_world(
         replace(
-            party(motion="crossing", count=100, within_m=7.0, speed_m_s=(4.0, 4.0)), step_s=0.25
+            party(motion="crossing", count=400, within_m=7.0, speed_m_s=(4.0, 4.0)), step_s=0.25
         )
     )
     closest = []
@@ -194,7 +218,9 @@ def test_a_crossing_goes_straight_from_border_to_border_past_the_middle():
         away = place[0] - 50.0
         closest.append(abs(step[0, 0] * away[1] - step[0, 1] * away[0]))
     assert max(closest) <= 7.0
-    assert max(closest) > 5.0
+    # A point that is uniform in the disc, seen along a random line: half of a semicircle.
+    spread = stats.semicircular(scale=7.0)
+    assert stats.kstest(closest, lambda d: 2.0 * spread.cdf(d) - 1.0).pvalue > 0.01
 
 
 def test_a_walk_follows_its_path_and_ends_there():
@@ -270,6 +296,9 @@ def test_reports_are_of_targets_with_an_error_or_anywhere():
         assert abs(seen - 0.73 * 4000) < 4 * math.sqrt(0.73 * 0.27 * 4000 + false_near)
     error = (table.position[:, :2] - truth[target])[distance < 1.6]
     np.testing.assert_allclose(error.std(axis=0), 0.4, rtol=0.03)
+    rank = np.arange(len(table)) - np.searchsorted(table.t_s, table.t_s)
+    share = rank / np.maximum(np.bincount(table.t_s.astype(int))[table.t_s.astype(int)] - 1, 1)
+    assert abs(share[distance < 1.6].mean() - 0.5) < 0.02  # true ones in no order among the others
     far = table.position[~near, :2]
     assert abs(len(far) - (6.0 * 4000 - 4 * false_near)) < 4 * math.sqrt(6.0 * 4000)
     assert stats.kstest(far[:, 0] / 100.0, "uniform").pvalue > 0.01
@@ -508,6 +537,8 @@ def test_signals_fused_by_a_fit_are_near_their_targets_and_say_how_near():
     assert np.median(error) < 0.02
     ratio = error**2 / (found.covariance[:, 0] + found.covariance[:, 2])
     assert 0.2 < np.median(ratio) < 2.0
+    dead = replace(scenario, network=None, sensors=Sensors(spacing_m=1.0, dead=9990))
+    assert len(all_of(hear_reports(make_world(dead)))[0]) < 0.3 * len(world.truth)
     quiet = replace(scenario, network=None, sensors=Sensors(spacing_m=1.0, threshold=3.0))
     few, _ = all_of(hear_reports(make_world(replace(quiet, fusion="centroid"))))
     assert 0 < len(few) < 200
