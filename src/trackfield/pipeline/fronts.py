@@ -18,8 +18,10 @@ from trackfield.pipeline.intake import (
     READING_KEYS,
     REPORT_KEYS,
     Rows,
+    Speakers,
     reading_rows,
     report_rows,
+    speakers,
 )
 from trackfield.pipeline.slots import Late
 from trackfield.raster import Region
@@ -117,7 +119,7 @@ class SignalFront:
     width, keys = 3, READING_KEYS
 
     def __init__(self, site: Site) -> None:
-        self._site, self._sensors = site, sensors_of(site, "signal")
+        self._sensors, self._speakers = sensors_of(site, "signal"), speakers(site, "signal")
         models = [model for model in self._sensors.models if isinstance(model, SignalModel)]
         self._models = signal.columns(models)
         self._settings = settings_for(self._models, self._sensors.positions)
@@ -125,7 +127,7 @@ class SignalFront:
 
     def rows(self, table: Table, counts: Counter[str]) -> Rows:
         """Rows t, sensor, value of the readings."""
-        return _reading_rows(table, self._site, "signal")
+        return _reading_rows(table, self._speakers)
 
     def scan(self, t_s: float, rows: Matrix, number: int) -> ReportScan:
         """Fit sources to what the sensors said; a sensor that spoke twice said the mean."""
@@ -166,12 +168,13 @@ class DetectionFront:
     width, keys = 3, READING_KEYS
 
     def __init__(self, site: Site) -> None:
-        self._site, self._sensors = site, sensors_of(site, "detection")
+        self._sensors = sensors_of(site, "detection")
+        self._speakers = speakers(site, "detection")
         self.most = max(_MOST, 4 * len(self._sensors.models))
 
     def rows(self, table: Table, counts: Counter[str]) -> Rows:
         """Rows t, sensor, value of the readings."""
-        return _reading_rows(table, self._site, "detection")
+        return _reading_rows(table, self._speakers)
 
     def scan(self, t_s: float, rows: Matrix, number: int) -> ReadingScan:
         """Gather what sensors said; -1 of one that was not heard."""
@@ -185,7 +188,7 @@ class DetectionFront:
         return self.scan(t_s, late.rows, number)
 
 
-def _reading_rows(table: Table, site: Site, kind: str) -> Rows:
+def _reading_rows(table: Table, known: Speakers) -> Rows:
     if not isinstance(table, Readings):
-        raise InputError(f"found {type(table).__name__}, expected Readings of kind {kind!r}")
-    return reading_rows(table, site, kind=kind)
+        raise InputError(f"found {type(table).__name__}, expected Readings of kind {known.kind!r}")
+    return reading_rows(table, known)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -59,26 +59,47 @@ def report_rows(
     return in_order(Rows(reports.t_s, reports.arrival_s, rows), inside)
 
 
-def reading_rows(readings: Readings, site: Site, *, kind: str) -> Rows:
+class Speakers(NamedTuple):
+    """Sensors of a site that may speak: all its names, and which of them measure the kind (n,)."""
+
+    site_name: str
+    sensor_ids: tuple[str, ...]
+    numbers: Mapping[str, int]
+    of_kind: NDArray[np.bool_]
+    kind: str
+
+
+def speakers(site: Site, kind: str) -> Speakers:
+    """Tell which sensors of a site may say readings of a kind."""
+    return Speakers(
+        site.name,
+        site.sensor_ids,
+        {name: i for i, name in enumerate(site.sensor_ids)},
+        np.array([kind_of(model) == kind for model in site.models], bool),
+        kind,
+    )
+
+
+def reading_rows(readings: Readings, known: Speakers) -> Rows:
     """Rows t, sensor, value of readings of one kind; `sensor` counts in the site.
 
     `InputError` for another kind, a sensor that the site does not have or that measures something
     else, values that such a sensor cannot say, and readings that name a target.
     """
+    kind = known.kind
     _require_finite(readings.t_s, "reading", "t_s")
     _require_finite(readings.value, "reading", "value")
-    sensor = site_sensors(readings, site)
+    sensor = _site_sensors(readings, known)
     kinds = np.array([name == kind for name in readings.kinds], bool)
     _refuse(
         ~kinds[readings.kind],
         lambda row: f"kind {readings.kinds[int(readings.kind[row])]!r}",
         f"{kind!r} as before: readings of several kinds are tracked one kind at a time",
     )
-    of_kind = np.array([kind_of(model) == kind for model in site.models], bool)
     _refuse(
-        ~of_kind[sensor],
-        lambda row: f"a reading of {kind!r} from {site.sensor_ids[int(sensor[row])]!r}",
-        f"one from a sensor whose model is of that kind in site {site.name}",
+        ~known.of_kind[sensor],
+        lambda row: f"a reading of {kind!r} from {known.sensor_ids[int(sensor[row])]!r}",
+        f"one from a sensor whose model is of that kind in site {known.site_name}",
     )
     _refuse(
         readings.target >= 0,
@@ -95,11 +116,12 @@ def reading_rows(readings: Readings, site: Site, *, kind: str) -> Rows:
     return in_order(Rows(readings.t_s, readings.arrival_s, rows), np.ones(len(readings), bool))
 
 
-def site_sensors(readings: Readings, site: Site) -> Indices:
+def _site_sensors(readings: Readings, known: Speakers) -> Indices:
     """Find each reading's sensor (n,) in the site; `InputError` for one it does not have."""
-    places = {name: i for i, name in enumerate(site.sensor_ids)}
-    numbers = np.array([places.get(name, -1) for name in readings.sensor_ids], np.int32)
-    sensor = numbers[readings.sensor] if numbers.size else readings.sensor
+    if readings.sensor_ids == known.sensor_ids or not len(readings):
+        return readings.sensor
+    numbers = np.array([known.numbers.get(name, -1) for name in readings.sensor_ids], np.int32)
+    sensor = numbers[readings.sensor]
     _refuse(
         sensor < 0,
         lambda row: f"sensor {readings.sensor_ids[int(readings.sensor[row])]!r}",

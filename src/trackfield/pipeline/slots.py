@@ -171,8 +171,18 @@ class Slots:
 
     def _add(self, slot: Slot, rows: Matrix) -> None:
         """Add rows that are not there yet, as many as a step takes."""
-        new: list[int] = []
-        for place, key in enumerate(row_keys(rows, self.rules.keys)):
+        keys, new = row_keys(rows, self.rules.keys), list[int]()
+        fresh = set(keys)
+        if (
+            len(fresh) == len(keys)
+            and slot.count + len(keys) <= self.rules.most
+            and fresh.isdisjoint(slot.seen)
+        ):  # nearly always
+            slot.seen |= fresh
+            slot.parts.append(rows)
+            slot.count += len(keys)
+            return
+        for place, key in enumerate(keys):
             if key in slot.seen:
                 self.counts["duplicate"] += 1
             elif slot.count + len(new) == self.rules.most:

@@ -17,6 +17,7 @@ from trackfield.association.contract import AnyAssociator, Explanation, ReportSc
 from trackfield.association.detect import FieldExplanation
 from trackfield.association.model import Scene
 from trackfield.errors import ConfigurationError, InputError, StateError
+from trackfield.network.kinds import SensorModel
 from trackfield.network.site import Site
 from trackfield.pipeline import slots_archive
 from trackfield.pipeline.detections import detector
@@ -29,7 +30,7 @@ from trackfield.pipeline.slots import Closing, Rules, Slots
 from trackfield.pipeline.tagged import Run
 from trackfield.types import Report, Tracks, concatenate_tracks
 
-_REMEMBERED = 64  # scans whose reports can be looked up
+_REMEMBERED = 16  # scans whose reports can be looked up
 _COUNTS = ("accepted", "delayed", "duplicate", "late", "ahead", "outside", "flooded")
 _SLACK = 1e-9  # of a time that is compared
 _MOST_LAG = 1000  # steps that a window must then hold
@@ -92,7 +93,7 @@ class UntaggedTracker:
         self._maker = fingerprint(
             site.sensor_ids,
             site.positions.tolist(),
-            [astuple(model) for model in site.models],
+            *_models(site),
             [astuple(part) for part in (site.target, site.tracker, site.reports)],
             [astuple(group) for group in site.groups],
             None if site.network is None else astuple(site.network),
@@ -249,6 +250,12 @@ def _method(site: Site, told: Scene, feed: Feed) -> Any:  # noqa: ANN401 - track
     if feed.source == "detection":
         return detector(site, told, seed=feed.seed, says_zero=feed.says_zero)
     return associator_of(site, told, seed=feed.seed)
+
+
+def _models(site: Site) -> tuple[list[SensorModel], list[int]]:
+    """Different models of a site, and which of them each sensor has: there may be thousands."""
+    different = {model: place for place, model in enumerate(dict.fromkeys(site.models))}
+    return list(different), [different[model] for model in site.models]
 
 
 def _lag_steps(lag_s: float, lag_steps: int, *, every_s: float, step_s: float) -> int:
