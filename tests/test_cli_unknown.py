@@ -275,6 +275,31 @@ def test_calibrate_learns_binary_sensors(call, tmp_path):
     assert by_python.site.models[40].radius_m == pytest.approx(learned[40].radius_m)
 
 
+def test_calibrate_learns_signals(call, tmp_path):
+    place, readings, truth = field_runs.signals(steps=40)
+    guess = tuple(replace(model, amplitude=300.0) for model in place.models)
+    write_site(replace(place, models=guess), tmp_path / "site.toml")
+    write_readings(tmp_path / "measurements.csv", readings)
+    write_truth(tmp_path / "truth.csv", truth)
+    inputs = [tmp_path / name for name in ("site.toml", "measurements.csv", "truth.csv")]
+    done = call("calibrate", *inputs, "-o", tmp_path / "c.toml")
+    assert (done.code, done.err) == (0, "")
+    assert "spread of gains" in done.out
+    found = call("calibrate", *inputs, "-o", tmp_path / "c.toml", "--json").json
+    pooled = found["pooled"]
+    strength = pooled["amplitude"] / (1.0 + pooled["falloff"] * 5.0 ** pooled["exponent"])
+    assert strength == pytest.approx(400.0 / 26.0, rel=0.1)
+    assert len(found["sensors"]) == 144
+    by_python = trackfield.calibrate(inputs[0], *inputs[1:])
+    assert by_python.calibration.pooled.amplitude == pytest.approx(pooled["amplitude"])
+    kinds = (*place.models[1:], field_runs.DetectionModel())
+    mixed = replace(place, models=kinds, model_names=("a",) * 143 + ("b",))
+    write_site(mixed, tmp_path / "site.toml")
+    done = call("calibrate", *inputs, "-o", tmp_path / "c.toml")
+    assert done.code == 2
+    assert "found sensors of kinds detection, signal, expected one kind" in done.err
+
+
 @pytest.mark.parametrize(
     ("times", "step"),
     [

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from trackfield.calibration import ranges
 from trackfield.calibration.detection_site import CalibratedDetections, calibrate_detection_site
+from trackfield.calibration.signal_site import CalibratedSignals, calibrate_signal_site
 from trackfield.io.data import data_from_columns, stream_data
 from trackfield.io.measurements import read_readings, readings_from_columns
 from trackfield.io.tracks import read_tracks
@@ -84,16 +85,19 @@ def track(
 
 def calibrate(
     site: Site | File, readings: Readings | File | Columns, truth: Truth | File | Columns
-) -> ranges.Calibration | CalibratedDetections:
+) -> ranges.Calibration | CalibratedDetections | CalibratedSignals:
     """Learn the sensors' models of a site from a run whose truth is known.
 
-    Of ranges or of detections, whichever the readings are. The calibrated site is the result's
-    `site`; `trackfield.write_site` keeps it. Arguments and errors are those of `track`.
+    Of ranges, signals or detections, whichever the readings are. The calibrated site is the
+    result's `site`; `trackfield.write_site` keeps it. Arguments and errors are those of `track`.
     """
     place = _site(site)
     table = _readings(place, readings)
-    if source_of(table) == "detection":
+    source = source_of(table)
+    if source == "detection":
         return calibrate_detection_site(place, table, _truth(truth))
+    if source == "signal":
+        return calibrate_signal_site(place, table, _truth(truth))
     return ranges.calibrate(place, table, _truth(truth))
 
 

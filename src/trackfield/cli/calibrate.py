@@ -25,6 +25,7 @@ from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from trackfield.calibration.ranges import Calibration, Method
+    from trackfield.cli.calibrate_fields import FieldKind
     from trackfield.network.site import Site
 
 
@@ -53,12 +54,7 @@ def calibrate(
     as_json: Json = False,
 ) -> None:
     """Fit the sensors' models of SITE to the readings of DATA, knowing the TRUTH."""
-    from trackfield.cli.calibrate_detections import (
-        calibrated_detections,
-        detection_numbers,
-        show_detections,
-    )
-    from trackfield.network.kinds import kind_of
+    from trackfield.cli.calibrate_fields import calibrated_field, show_field
     from trackfield.network.site_file import load_site
     from trackfield.network.site_writer import sensors_file_for, write_site
 
@@ -69,9 +65,9 @@ def calibrate(
     if plot is not None:
         check_figure(plot)
         check_output(plot, (site, *inputs))
-    binary = {kind_of(model) for model in loaded.models} == {"detection"}
-    if binary and (plot is not None or chosen != "robust"):
-        problem = "found --plot or --method, which are for ranges, on a site of binary sensors"
+    kind = field_kind(loaded)
+    if kind is not None and (plot is not None or chosen != "robust"):
+        problem = f"found --plot or --method, which are for ranges, on a site of {kind}s"
         raise ConfigurationError([f"{site}: {problem}"])
     file = loaded.sensors_file
     result: dict[str, Any] = {
@@ -79,12 +75,15 @@ def calibrate(
         "sensors_file": str(sensors_file_for(file, output.parent)) if file else None,
     }
     comment = f"Calibrated on {data.name} with {truth.name}."
-    if binary:
+    if kind is not None:
         with progress("calibrating") as moved:
-            found = calibrated_detections(loaded, data, truth, moved)
-        write_site(found.site, output, comment=comment)
-        result |= {**detection_numbers(found), "warnings": []}
-        (emit if as_json else show_detections)(result)
+            learned = calibrated_field(loaded, data, truth, moved, kind=kind)
+        write_site(learned.site, output, comment=comment)
+        result |= {**learned.numbers, "warnings": []}
+        if as_json:
+            emit(result)
+        else:
+            show_field(result, learned.told)
         return
     with progress("calibrating") as moved:
         calibration, target_ids, warnings = calibrated(loaded, data, truth, moved, method=chosen)
@@ -103,6 +102,25 @@ def calibrate(
         emit(result)
         return
     _show(result)
+
+
+def field_kind(site: Site) -> FieldKind | None:
+    """Kind of all sensors of a site, if they name no target; None for ranges.
+
+    `ConfigurationError` where there are several kinds.
+    """
+    from trackfield.network.kinds import kind_of
+
+    match sorted({kind_of(model) for model in site.models}):
+        case ["detection"]:
+            return "detection"
+        case ["signal"]:
+            return "signal"
+        case [] | ["range"]:
+            return None
+        case kinds:
+            found = f"found sensors of kinds {', '.join(kinds)}"
+            raise ConfigurationError([f"site {site.name}: {found}, expected one kind"])
 
 
 def parse_method(text: str) -> Method:
