@@ -20,7 +20,7 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"trackfield {version}"
-html_extra_path = ["reference/site.schema.json"]
+html_extra_path = ["reference/site.schema.json", "reference/scenario.schema.json"]
 templates_path: list[str] = []
 
 autodoc_member_order = "bysource"

@@ -2,7 +2,7 @@
 
 - `docs/reference/commands.md`: the help of every command.
 - `docs/reference/python.md`: every public module, room by room.
-- `docs/reference/site.schema.json`: JSON Schema of a site's file.
+- `docs/reference/site.schema.json`, `scenario.schema.json`: JSON Schemas of those files.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import trackfield
 from trackfield.network.site_schema import site_schema
+from trackfield.simulation.scenario_file import scenario_schema
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "trackfield"
@@ -154,6 +155,7 @@ def main(arguments: list[str]) -> int:
         REFERENCE / "commands.md": commands_page(),
         REFERENCE / "python.md": python_page(),
         REFERENCE / "site.schema.json": json.dumps(site_schema(), indent=2) + "\n",
+        REFERENCE / "scenario.schema.json": json.dumps(scenario_schema(), indent=2) + "\n",
     }
     stale = [
         path

@@ -168,6 +168,14 @@ def test_what_cannot_be_simulated_is_refused_and_nothing_written(
     assert not list((tmp_path / "run").glob("*"))
 
 
+def test_a_scenario_is_not_written_over(call, scenario, tmp_path):
+    own = scenario.rename(tmp_path / "site.toml")
+    done = call("simulate", own, "-o", tmp_path)
+    assert done.code == 2
+    assert "found an input, expected another file to write to" in done.err
+    assert own.read_text() == BINARY
+
+
 def test_a_folder_that_cannot_be_is_refused(call, scenario):
     done = call("simulate", scenario, "-o", scenario / "below")
     assert done.code == 2

@@ -158,6 +158,15 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             "sensors.count: found 0 sensors, expected from 1 to 1000000 with layout 'random'",
         ),
         (
+            HEAD + "[sensors]\ncount = 3\n[detection]\n",
+            "sensors.count: found with layout 'grid'; it is for 'random'",
+        ),
+        (
+            HEAD + "[sensors]\nthreshold = 2\n[detection]\n",
+            "sensors.threshold: found 2 without [signal]",
+        ),
+        ("step_s = 1e-7\n" + REPORTS, "step_s: found 100000000 steps, expected at most 10000000"),
+        (
             HEAD + "[sensors]\ndead = 4\n[detection]\n",
             "sensors.dead: found 4 of 4 sensors, expected one that lives",
         ),
@@ -208,7 +217,14 @@ def test_a_faulty_scenario_is_refused(text, told):
         ("speed = 1", ".speed: found an unknown key; nearest valid one: speed_m_s"),
         ("count = -1", ".count: found -1, expected 0 or more"),
         ("count = 100_001", ": found more than 100000 targets, expected fewer"),
-        ("births_per_s = 1e9", ": found more than 100000 targets, expected fewer"),
+        (
+            "births_per_s = 2e4\nlifetime_s = [0, 100]",
+            ": found more than 100000 targets, expected fewer",
+        ),
+        (
+            "births_per_s = 1e9\nmean_lifetime_s = 1e-3",
+            ": found more than 100000 targets, expected fewer",
+        ),
         ("count = 1\nat_start = 2", ".at_start: found 2 of count = 1 targets"),
         ("enter_s = [0, 11]", ".enter_s: found [0.0, 11.0], expected times within duration_s"),
         ("lifetime_s = [1, 2]\nmean_lifetime_s = 3", ": found both lifetime_s and mean_lifetime_s"),
@@ -242,6 +258,7 @@ def test_a_faulty_party_is_refused(keys, told):
         ("kind = 'stuck'\ncount = 5", ".count: found 5, expected at most the 4 sensors"),
         ("kind = 'stuck'\ncount = 1\nvalue = 2", ".value: found 2, expected 0 or 1 of a detection"),
         ("kind = 'burst'\ncount = 1", ".kind: found 'burst' of some nodes, expected neither group"),
+        ("kind = 'burst'\njump_s = 1", ".jump_s: found with kind 'burst'; it is for 'clock_jump'"),
         ("kind = 'burst'\nfactor = 0.5", ".factor: found 0.5, expected 1 or more"),
         ("kind = 'burst'\nfrom_s = 5\nto_s = 5", ".to_s: found 5, expected a time after from_s"),
     ],
@@ -330,6 +347,10 @@ def defaults(properties):
         key: "" if value in (None, []) else json.dumps(value).strip('"')
         for key, value in found.items()
     }
+
+
+def test_the_schema_is_one_that_json_can_say():
+    assert "Infinity" not in json.dumps(scenario_schema(), allow_nan=False)
 
 
 def test_every_table_of_a_scenario_is_documented():

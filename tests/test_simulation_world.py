@@ -20,20 +20,18 @@ from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
+from trackfield.simulation.hearing import (
+    all_of,
+    carry_reports,
+    hear_readings,
+    hear_reports,
+    tells_arrivals,
+)
 from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
 from trackfield.simulation.scenario import Reports as ReportModel
 from trackfield.simulation.scenario_file import load_scenario
 from trackfield.simulation.told_site import site_of
-from trackfield.simulation.world import (
-    all_of,
-    carry_reports,
-    doubts,
-    hear_readings,
-    hear_reports,
-    make_world,
-    stream,
-    tells_arrivals,
-)
+from trackfield.simulation.world import doubts, make_world, stream
 
 SCENARIOS = ROOT / "examples" / "scenarios"
 SQUARE = (0.0, 0.0, 100.0, 100.0)
@@ -454,6 +452,23 @@ def test_what_arrives_is_told_in_order_of_arrival_however_it_is_cut_into_pieces(
         == len(all_of(hear_readings(make_world(replace(scenario, network=None))))[0])
     )
     assert np.count_nonzero(table.arrival_s > table.t_s) == passed.delayed > 0.5 * len(table)
+
+
+def test_few_late_reports_wait_for_their_time_too():
+    scenario = replace(
+        REPORTS,
+        reports=ReportModel(false_per_scan=0.002),
+        targets=(),
+        duration_s=20_000.0,
+        sensors=Sensors(spacing_m=10.0),
+        network=Channel(p_delay=0.9, delay_step_s=300.0),
+    )
+    heard = list(hear_reports(make_world(scenario)))
+    assert any(not len(one.table) for one in heard)
+    assert sum(len(one.table) for one in heard) == sum(one.passed.sent for one in heard) > 20
+    for one, following in itertools.pairwise(heard):
+        assert one.table.arrival_s.max(initial=0.0) < one.until_s
+        assert following.table.arrival_s.min(initial=math.inf) >= one.until_s
 
 
 def test_reports_of_a_scenario_travel_from_their_nodes():

@@ -53,7 +53,7 @@ def simulate(
     check_folder(output)
     names = ["measurements.csv"] if loaded.reports is None else []
     names += ["reports.csv"] if loaded.reports is not None or loaded.fusion is not None else []
-    for name in names:
+    for name in (*names, "truth.csv", "sensors.csv", "site.toml"):
         check_output(output / name, [scenario])
     world = make_world(loaded, seed=seed)
     with progress("simulating") as moved:
@@ -75,7 +75,7 @@ def simulate(
 def write_said(world: World, path: Path, moved: Callable[[float], None]) -> Said:
     """Write readings or reports as they come, and count them."""
     from trackfield.io.writing import write_tables
-    from trackfield.simulation.world import hear_readings, hear_reports, tells_arrivals
+    from trackfield.simulation.hearing import hear_readings, hear_reports, tells_arrivals
 
     is_readings = path.name == "measurements.csv"
     names = COLUMNS[path.name]

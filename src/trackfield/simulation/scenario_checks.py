@@ -15,7 +15,7 @@ from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
 from trackfield.simulation.deployment import sensor_count, sensor_names
-from trackfield.simulation.scenario import Fault, Party, Scenario
+from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
 
 _PATH = tuple[str | int, ...]
 _BORROWED = {  # sections whose classes say no bounds; those of a site's keys hold
@@ -37,8 +37,12 @@ _MOTION_KEYS = {  # of a party, those that concern some motions only
     "heading_deg": {"row"},
     "spacing_m": {"row"},
 }
+_LAYOUT_KEYS = {"spacing_m": {"grid"}, "count": {"random"}, "positions": {"listed"}}
+_FAULT_KEYS = {"factor": {"burst"}, "jump_s": {"clock_jump"}, "value": {"stuck"}}
 _MOST_SENSORS = 1_000_000
 _MOST_TARGETS = 100_000
+_MOST_STEPS = 10_000_000
+_MOST_ROWS = 50_000_000  # of truth
 
 
 def borrowed_faults(document: Mapping[str, Any]) -> Iterator[tuple[_PATH, str]]:
@@ -81,6 +85,14 @@ def contradictions(scenario: Scenario) -> Iterator[str]:
             "expected [x_min, y_min, x_max, y_max] with min below max"
         )
         return
+    if scenario.steps > _MOST_STEPS:
+        yield f"step_s: found {scenario.steps} steps, expected at most {_MOST_STEPS}"
+    rows = scenario.steps * sum(
+        party.count + party.births_per_s * min(scenario.duration_s, _longest(party))
+        for party in scenario.targets
+    )
+    if rows > _MOST_ROWS:
+        yield f"targets: found up to {rows:.3g} rows of truth, expected at most {_MOST_ROWS}"
     yield from _sensing(scenario)
     yield from _network(scenario)
     for i, party in enumerate(scenario.targets, start=1):
@@ -110,6 +122,10 @@ def _sensing(scenario: Scenario) -> Iterator[str]:
         if needs:
             yield f"sensors: found nothing, expected [sensors] for [{needs[0]}]"
         return
+    for problem in _idle(sensors, ("layout", sensors.layout), _LAYOUT_KEYS):
+        yield f"sensors.{problem}"
+    if sensors.threshold is not None and scenario.signal is None:
+        yield f"sensors.threshold: found {sensors.threshold:g} without [signal]"
     count = sensor_count(scenario)
     if not 0 < count <= _MOST_SENSORS:
         expected = {"grid": "spacing_m", "random": "count", "listed": "positions"}[sensors.layout]
@@ -142,10 +158,8 @@ def _network(scenario: Scenario) -> Iterator[str]:
 
 def _party(scenario: Scenario, party: Party) -> Iterator[str]:
     yield from _spans(party)
-    for key, motions in _MOTION_KEYS.items():
-        given = getattr(party, key) != Party.__dataclass_fields__[key].default
-        if given and party.motion not in motions:
-            yield f".{key}: found with motion {party.motion!r}; it is for {_listed(motions)}"
+    for problem in _idle(party, ("motion", party.motion), _MOTION_KEYS):
+        yield f".{problem}"
     if party.lifetime_s is not None and party.mean_lifetime_s is not None:
         yield ": found both lifetime_s and mean_lifetime_s, expected one of them"
     if party.at_start > party.count:
@@ -174,7 +188,26 @@ def _spans(party: Party) -> Iterator[str]:
         yield f".speed_m_s: found {list(party.speed_m_s)}, expected speeds above 0"
 
 
+def _longest(party: Party) -> float:
+    """How long targets of a party stay, at most or on average, infinite if nothing is said [s]."""
+    if party.lifetime_s is not None:
+        return party.lifetime_s[1]
+    return math.inf if party.mean_lifetime_s is None else party.mean_lifetime_s
+
+
+def _idle(
+    table: Party | Sensors | Fault, chosen: tuple[str, str], users: Mapping[str, set[str]]
+) -> Iterator[str]:
+    """Say which keys are given and would do nothing, because they are for another choice."""
+    key, choice = chosen
+    for name, choices in users.items():
+        given = getattr(table, name) != type(table).__dataclass_fields__[name].default
+        if given and choice not in choices:
+            yield f"{name}: found with {key} {choice!r}; it is for {_listed(choices)}"
+
+
 def _fault(scenario: Scenario, fault: Fault) -> Iterator[str]:
+    yield from _idle(fault, ("kind", fault.kind), _FAULT_KEYS)
     if fault.to_s is not None and fault.to_s <= fault.from_s:
         yield f"to_s: found {fault.to_s:g}, expected a time after from_s = {fault.from_s:g}"
     if fault.group is not None and fault.group not in {group.id for group in scenario.groups}:

@@ -1,34 +1,19 @@
-"""A simulated world: a scenario and a seed to truth, a site, and what is said, piece by piece."""
+"""A simulated world: a scenario and a seed to a field, its targets, and whom the faults strike."""
 
 from __future__ import annotations
 
-import functools
-import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
 
 import numpy as np
 
-from trackfield.errors import InputError
-from trackfield.network.detection_by_age import leaders_at
-from trackfield.network.passage import Passed, in_order, joined, pass_readings, pass_reports, rows
-from trackfield.simulation import sensed
 from trackfield.simulation.deployment import Deployment, deploy
-from trackfield.simulation.faults import Strike, strikes, struck
-from trackfield.simulation.fused import fuse, loud_from
-from trackfield.simulation.ranged import Ranged, draw_ranges, ranges_of
-from trackfield.simulation.scenario import Carried, Scenario
-from trackfield.simulation.sensed import Loudness, Steps
+from trackfield.simulation.faults import Strike, strikes
+from trackfield.simulation.scenario import Scenario
 from trackfield.simulation.targets import truth_of
-from trackfield.types import Indices, Matrix, Readings, Reports, Truth
+from trackfield.types import Truth
 
-_PIECE = 400_000  # sensors times targets times steps, at most, that are worked on at once
-_PIECE_STEPS = 1000
 _LISTED = 10  # sensors, at most, that a message names
 _STREAMS = ("deployment", "targets", "faults", "errors", "sensing", "network")
-
-Table = TypeVar("Table", Readings, Reports)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,17 +29,6 @@ class World:
     deployment: Deployment
     truth: Truth
     strikes: tuple[Strike, ...]
-
-
-class Heard(NamedTuple, Generic[Table]):
-    """Some of what was said, in order of arrival, and what became of messages meanwhile.
-
-    Nothing that is heard later arrives before `until_s`.
-    """
-
-    table: Table
-    passed: Passed
-    until_s: float
 
 
 def make_world(scenario: Scenario, *, seed: int | None = None) -> World:
@@ -77,174 +51,6 @@ def make_world(scenario: Scenario, *, seed: int | None = None) -> World:
 def stream(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one part of a world, independent of those of the others."""
     return np.random.default_rng([_STREAMS.index(name), seed])
-
-
-def hear_readings(world: World) -> Iterator[Heard[Readings]]:
-    """Say what sensors say, piece by piece in order of arrival; memory does not grow with the run.
-
-    Where the network carries readings, each has its `arrival_s`, and late ones wait for it.
-    `InputError` if the scenario gives reports.
-    """
-    return _in_time(_readings(world))
-
-
-def hear_reports(world: World) -> Iterator[Heard[Reports]]:
-    """Say what positions are reported, given or fused of signals; else as `hear_readings`.
-
-    `InputError` if the scenario gives readings and says no fusion of them.
-    """
-    return _in_time(_reports(world))
-
-
-def all_of(heard: Iterable[Heard[Table]]) -> tuple[Table, Passed]:
-    """Put all that is heard into one table, and add up the counts."""
-    every = list(heard)
-    table = joined([one.table for one in every])
-    return table, functools.reduce(Passed.plus, (one.passed for one in every))
-
-
-def carry_reports(
-    world: World, reports: Reports, rng: np.random.Generator, *, origin: Indices | None = None
-) -> tuple[Reports, Passed]:
-    """Send reports on their way through a world's network and faults; what arrives, in order.
-
-    They set out from the nodes `origin` (n,), else from those nearest to them.
-    """
-    nodes = world.deployment.network
-    node = leaders_at(nodes, reports.position[:, :2]) if origin is None else origin
-    silent = struck("silent", world.strikes, reports.t_s, node) > 0.0
-    sent, node = rows(reports, ~silent), node[~silent]
-    off = struck("clock_jump", world.strikes, sent.t_s, node)
-    told, passed = replace(sent, t_s=sent.t_s + off), Passed(sent=len(sent))
-    if network_carries(world.scenario, "reports"):
-        region = world.scenario.area
-        told, passed = pass_reports(told, nodes, rng, region=region, origin=node, sent_s=sent.t_s)
-    elif _clocks_jump(world):
-        told = replace(told, arrival_s=sent.t_s)
-    return told, passed._replace(silent=int(silent.sum()))
-
-
-def network_carries(scenario: Scenario, what: Carried) -> bool:
-    """Tell whether readings, or reports, come over the network."""
-    return scenario.network is not None and scenario.carried == what
-
-
-def _readings(world: World) -> Iterator[Heard[Readings]]:
-    scenario, kept = world.scenario, _kept(world)
-    sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
-    for steps in _all_steps(world):
-        table = _spoken(world, steps, kept, sensing)
-        silent = struck("silent", world.strikes, table.t_s, table.sensor) > 0.0
-        table = rows(table, ~silent)
-        off = struck("clock_jump", world.strikes, table.t_s, table.sensor)
-        told, sent_s = replace(table, t_s=table.t_s + off), table.t_s
-        passed = Passed(sent=len(told))
-        if network_carries(scenario, "readings"):
-            told, passed = pass_readings(told, world.deployment.network, network, sent_s=sent_s)
-        elif _clocks_jump(world):
-            told = replace(told, arrival_s=sent_s)
-        passed = passed._replace(silent=int(silent.sum()))
-        yield Heard(told, passed, float(steps.t_s[-1]) + scenario.step_s)
-
-
-def _reports(world: World) -> Iterator[Heard[Reports]]:
-    scenario = world.scenario
-    if scenario.reports is None and scenario.fusion is None:
-        raise InputError("found a scenario whose sensors give readings, expected [reports]")
-    kept = _kept(world)
-    sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
-    for steps in _all_steps(world):
-        origin = None
-        if scenario.reports is not None:
-            table = sensed.as_reports(
-                scenario.reports, scenario.area, steps, struck=world.strikes, rng=sensing
-            )
-        else:
-            values = _values(world, steps, kept, sensing)
-            table, origin = fuse(scenario, world.deployment, steps, values)
-        told, passed = carry_reports(world, table, network, origin=origin)
-        yield Heard(told, passed, float(steps.t_s[-1]) + scenario.step_s)
-
-
-def _spoken(
-    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
-) -> Readings:
-    """Draw what sensors say in some steps, before anything happens to it."""
-    scenario = world.scenario
-    if isinstance(kept, Ranged):
-        return ranges_of(kept, world.deployment, steps)
-    values = _values(world, steps, kept, rng)
-    if scenario.detection is not None:
-        said, kind = values > 0.0, "detection"  # silence is not said
-    else:
-        said, kind = values >= loud_from(scenario), "signal"
-    return sensed.as_readings(values, said, world.deployment, steps=steps, kind=kind)
-
-
-def _values(
-    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
-) -> Matrix:
-    """Draw what sensors measure in some steps, (m, n)."""
-    scenario, deployment = world.scenario, world.deployment
-    if scenario.detection is not None:
-        values = sensed.detections(
-            scenario.detection, deployment, steps, struck=world.strikes, rng=rng
-        )
-    elif scenario.signal is not None and isinstance(kept, Loudness):
-        values = sensed.signals(scenario.signal, deployment, steps, kept=kept, rng=rng)
-    else:
-        raise InputError("found a scenario that gives reports, expected sensors that give readings")
-    return sensed.stuck_values(values, world.strikes, steps)
-
-
-def _kept(world: World) -> Loudness | Ranged | None:
-    """Draw what belongs to a run as a whole: errors that stay, and ranges."""
-    scenario, deployment, truth = world.scenario, world.deployment, world.truth
-    if scenario.range is not None:
-        rng = stream(world.seed, "sensing")
-        return draw_ranges(scenario.range, deployment, truth, rng=rng)
-    if scenario.signal is not None:
-        rng = stream(world.seed, "errors")
-        return sensed.loudness(scenario.signal, deployment, len(truth.target_ids), rng)
-    return None
-
-
-def _all_steps(world: World) -> Iterator[Steps]:
-    """All steps of a run, some at a time: as many as bounded memory allows."""
-    scenario = world.scenario
-    alive = np.unique(world.truth.t_s, return_counts=True)[1].max(initial=1)
-    each = max(len(world.deployment.sensor_ids), 1) * int(alive)
-    some = int(np.clip(_PIECE // each, 1, _PIECE_STEPS))
-    for first in range(0, scenario.steps, some):
-        yield sensed.steps_of(scenario, world.truth, first, min(first + some, scenario.steps))
-
-
-def _clocks_jump(world: World) -> bool:
-    return any(one.fault.kind == "clock_jump" for one in world.strikes)
-
-
-def _in_time(sent: Iterator[Heard[Table]]) -> Iterator[Heard[Table]]:
-    """Hold back what has not arrived yet: all that is heard is in order of arrival.
-
-    What has no arrival is taken as it comes.
-    """
-    held: Table | None = None
-    until_s = 0.0
-    for table, passed, until_s in sent:
-        if np.isnan(table.arrival_s).all():
-            yield Heard(table, passed, until_s)
-            continue
-        every = in_order(table if held is None else joined([held, table]))
-        ready = int(np.searchsorted(every.arrival_s, until_s))
-        held = rows(every, slice(ready, None))
-        yield Heard(rows(every, slice(ready)), passed, until_s)
-    if held is not None and len(held):
-        yield Heard(held, Passed(), math.inf)
-
-
-def tells_arrivals(world: World, what: Carried) -> bool:
-    """Tell whether readings, or reports, that are heard have an `arrival_s`."""
-    return network_carries(world.scenario, what) or _clocks_jump(world)
 
 
 def doubts(world: World) -> tuple[str, ...]:
