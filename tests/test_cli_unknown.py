@@ -21,6 +21,8 @@ from trackfield.io.truth import write_truth
 from trackfield.network.site_file import load_site
 from trackfield.network.site_writer import write_site
 from trackfield.pipeline.extent import settled, spanned, usual_step
+from trackfield.raster import Region
+from trackfield.sensing.signal import SignalModel
 from trackfield.types import Reports, select_rows
 from untagged_runs import site, table, walkers
 
@@ -188,6 +190,30 @@ def test_reports_may_come_through_a_pipe_if_the_site_says_all(call, run):
     done = call("track", run / "site.toml", pipe, "-o", run / "t.csv")
     assert done.code == 2
     assert "reports.region: found nothing" in done.err
+
+
+def test_a_pipe_of_readings_is_what_the_sensors_measure(call, tmp_path):
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+    for made in (field_runs.signals, field_runs.detections):
+        place, readings, _ = made(steps=4)
+        told = replace(place.reports, region=Region(0.0, 0.0, 60.0, 60.0))
+        write_site(replace(place, reports=told), tmp_path / "site.toml")
+        write_readings(tmp_path / "file.csv", readings)
+        text = (tmp_path / "file.csv").read_text()
+        thread = threading.Thread(target=pipe.write_text, args=(text,), daemon=True)
+        thread.start()
+        output = tmp_path / "t.csv"
+        found = call("track", tmp_path / "site.toml", pipe, "-o", output, "--json").json
+        thread.join()
+        assert found["source"] == made.__name__.removesuffix("s")
+        assert found["readings"]["accepted"] == len(readings)
+    models = (*place.models[1:], SignalModel())
+    mixed = replace(place, models=models, model_names=("a",) * 80 + ("b",))
+    write_site(mixed, tmp_path / "site.toml")
+    done = call("track", tmp_path / "site.toml", pipe, "-o", tmp_path / "t.csv")
+    assert done.code == 2
+    assert "found a pipe, expected a file, as its sensors are of several kinds" in done.err
 
 
 @pytest.mark.parametrize(

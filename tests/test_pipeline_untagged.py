@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,6 +12,8 @@ from hypothesis import strategies as st
 from plain_associator import PlainAssociator
 from trackfield.errors import StateError
 from trackfield.network.site import TrackerSettings
+from trackfield.pipeline import slots_archive
+from trackfield.pipeline.sealing import seal
 from trackfield.types import Status, select_rows
 from untagged_runs import (
     assert_same_rows,
@@ -222,9 +226,26 @@ def test_a_snapshot_is_of_one_operator_only():
         elsewhere.restore(data)
     with pytest.raises(StateError, match="not a tracker's snapshot"):
         operator().restore(b"nothing")
+    with pytest.raises(StateError, match="found a snapshot of version 9, expected 1"):
+        operator().restore(data[:8] + b"\x09\x00" + data[10:])
     broken = data[:-5] + bytes([data[-5] ^ 1]) + data[-4:]
     with pytest.raises(StateError, match="damaged"):
         operator().restore(broken)
+
+
+def test_sealed_bytes_that_are_no_snapshot_of_an_operator_are_refused():
+    tracker = operator()
+    head = struct.pack("<QQQ", 3, 0, 0)
+    with pytest.raises(StateError, match="found a damaged snapshot"):
+        tracker.restore(seal(head + b"{,}", tracker._maker))
+    with pytest.raises(StateError, match="found damaged steps in a snapshot"):
+        slots_archive.unpack(b"\x02\x00\x00\x00{}", tracker._rules)
+
+
+def test_what_the_method_counts_is_kept_apart():
+    tracker = operator()
+    tracker.process(RUN)
+    assert tracker.method_counts == {"scans": tracker.counts["steps"]}
 
 
 def test_tables_may_be_empty():

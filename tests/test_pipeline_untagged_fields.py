@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import field_runs
+from trackfield.association.detect import ReadingScan
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.metrics.many import score_many
 from trackfield.network.channel import Channel
@@ -128,6 +129,15 @@ def test_runs_are_cut_and_restored_bit_by_bit(case, feed):
     for name in ("t_s", "position", "covariance", "status", "track"):
         joined = np.concatenate([getattr(part, name) for part in parts])
         np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+def test_readings_for_a_step_that_was_passed_over_are_counted_by_the_detector():
+    site = SPARSE[0]
+    rewound = detector(site, scene(site), seed=0, says_zero=False)
+    first = ReadingScan(0.0, np.full(81, -1, np.int8))
+    state, _ = rewound.step(rewound.initial(), first)
+    _, info = rewound.step(state, first._replace(t_s=5.0), [first._replace(t_s=2.0)])
+    assert (info.counts["late"], info.counts["replayed"]) == (1, 0)
 
 
 def test_a_track_of_detections_names_the_sensors_that_speak_for_it():
