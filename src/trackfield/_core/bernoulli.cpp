@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
 
 #include "bernoulli_archive.hpp"
@@ -82,7 +83,7 @@ template <class T> static nb::object array(const std::vector<T> &values, size_t 
 }
 
 // (n, 22) numbers: first, existence, mean (4), covariance (16); (n, 3) names: id, detected, shown.
-static nb::tuple estimates(const BernoulliModel &m, const BernoulliState &s, size_t lag) {
+static nb::tuple estimates(const BernoulliModel &m, const BernoulliState &s, const Names &identities, size_t lag) {
     if (lag >= s.frames.size()) throw nb::value_error("a lag within the scans kept expected");
     const std::vector<Believed> found = Hindsight(m, s).at(lag);
     std::vector<double> numbers;
@@ -91,16 +92,16 @@ static nb::tuple estimates(const BernoulliModel &m, const BernoulliState &s, siz
         numbers.insert(numbers.end(), {b.first, b.existence, b.state.x, b.state.y, b.state.vx, b.state.vy});
         const Matrix4 P = dense(b.state);
         numbers.insert(numbers.end(), P.begin(), P.end());
-        names.insert(names.end(), {b.id, b.detected, b.shown});
+        names.insert(names.end(), {identities.of(b.id), b.detected, b.shown});
     }
     return nb::make_tuple(s.frames[s.frames.size() - 1 - lag]->t, array(numbers, found.size(), 22), array(names, found.size(), 3));
 }
 
 // Existence, time of the first report, and (probability, reports newest first) of each history.
-static nb::object explain(const BernoulliState &s, int32_t id) {
+static nb::object explain(const BernoulliState &s, const Names &identities, int32_t identity) {
     if (s.frames.empty()) return nb::none();
     for (const Track &track : s.frames.back()->tracks) {
-        if (track.id != id) continue;
+        if (identities.of(track.id) != identity) continue;
         double r = 0;
         nb::list histories;
         for (int32_t l = track.begin; l < track.end; ++l) {
@@ -129,6 +130,7 @@ static nb::dict told(const BernoulliState &s) {
 }
 
 NB_MODULE(_bernoulli, m) {
+    nb::class_<Names>(m, "Names").def(nb::init<>());
     nb::class_<BernoulliState>(m, "State").def(nb::init<>()).def("told", &told).def("scans", [](const BernoulliState &s) { return s.frames.size(); });
     nb::class_<BernoulliModel>(m, "Model")
         .def("__init__", [](BernoulliModel *self, const nb::dict &d) { new (self) BernoulliModel(model_from(d)); })
@@ -142,13 +144,14 @@ NB_MODULE(_bernoulli, m) {
                  return BernoulliStep(self, state).run(input);
              })
         .def("estimates", &estimates)
+        .def("renamed", [](const BernoulliModel &self, const BernoulliState &state, const Names &names) { return renamed(names, self, state); })
         .def("check", [](const BernoulliModel &self, const BernoulliState &state) {
             if (!state.frames.empty() && state.undetected.size() != Undetected(self).values().size())
                 throw nb::value_error("a state of a scene with other maps");
         });
     m.def("explain", &explain);
-    m.def("encode", [](const std::vector<BernoulliState> &states) {
-        const std::string bytes = encode(states);
+    m.def("encode", [](const std::vector<BernoulliState> &states, const Names &names) {
+        const std::string bytes = encode(states, names);
         return nb::bytes(bytes.data(), bytes.size());
     });
     m.def("decode", [](const nb::bytes &data) { return decode(data.c_str(), data.size()); });

@@ -3,7 +3,7 @@
 
 #include <map>
 
-#include "bernoulli_frame.hpp"
+#include "bernoulli_names.hpp"
 #include "bytes.hpp"
 
 namespace trackfield {
@@ -20,13 +20,21 @@ template <class Ar> void visit(Ar &ar, Frame &f) { visit_all(ar, f.t, f.leaves, 
 template <class Ar> void visit(Ar &ar, Learned &l) { visit_all(ar, l.sum, l.weight); }
 template <class Ar> void visit(Ar &ar, StepCounts &c) { visit_all(ar, c.enumerated, c.propagated, c.burst, c.crowded_out, c.work); }
 
+template <class Ar> void visit(Ar &ar, Name &n) {
+    visit_all(ar, n.track, n.identity, n.seen, n.shown);
+    for (int32_t &z : n.reports) visit(ar, z);
+}
+template <class Ar> void visit(Ar &ar, Names &n) { visit_all(ar, n.names, n.next); }
+
 // All of a state but its frames, which stand as places in a table.
 template <class Ar> void visit_rest(Ar &ar, BernoulliState &s, std::vector<uint32_t> &frames) {
-    visit_all(ar, frames, s.next_id, s.undetected, s.false_reports, s.p_detection, s.variance, s.counts);
+    visit_all(ar, frames, s.undetected, s.false_reports, s.p_detection, s.variance, s.counts);
+    for (Learned &ring : s.shadow) visit(ar, ring);
 }
 
-inline std::string encode(std::vector<BernoulliState> states) {
+inline std::string encode(std::vector<BernoulliState> states, Names names) {
     Writer ar;
+    visit(ar, names);
     std::map<const Frame *, uint32_t> known;
     std::vector<Frame> table;
     std::vector<std::vector<uint32_t>> frames(states.size());
@@ -57,8 +65,10 @@ inline bool sound(const Frame &f) {
     return true;
 }
 
-inline std::vector<BernoulliState> decode(const char *data, size_t size) {
+inline std::pair<std::vector<BernoulliState>, Names> decode(const char *data, size_t size) {
     Reader ar{data, data + size};
+    Names names;
+    visit(ar, names);
     std::vector<Frame> table;
     visit(ar, table);
     std::vector<std::shared_ptr<const Frame>> shared;
@@ -83,7 +93,7 @@ inline std::vector<BernoulliState> decode(const char *data, size_t size) {
         }
     }
     if (ar.at != ar.end) throw std::runtime_error("the snapshot is longer than its contents");
-    return states;
+    return {states, names};
 }
 
 }  // namespace trackfield

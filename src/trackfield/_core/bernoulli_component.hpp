@@ -53,7 +53,7 @@ inline DraftTrack newborn(const ScanView &scan, int32_t report, double t) {
     leaf.weight = 1;
     leaf.recent.fill(-1);
     leaf.recent[0] = z.number;
-    return {0, t, {leaf}};
+    return {z.number, t, {leaf}};
 }
 
 inline Draft alone(DraftTrack track) {

@@ -9,6 +9,8 @@
 
 namespace trackfield {
 
+constexpr int kRings = 6;
+
 using Recent = std::array<int32_t, kMaxRecent>;  // report numbers of the last scans, newest first; -1: none
 
 // One history of a track: which report in which scan.
@@ -23,7 +25,7 @@ struct Leaf {
 };
 
 struct Track {
-    int32_t id = 0;
+    int32_t id = 0;              // the number of its first report: the same in every replay
     int32_t begin = 0, end = 0;  // its leaves
     double first = 0;            // time of its first report
 };
@@ -69,9 +71,9 @@ struct StepCounts {
 // A value: a step makes a new one that shares the frames.
 struct BernoulliState {
     std::vector<std::shared_ptr<const Frame>> frames;  // the newest last
-    int32_t next_id = 1;
     std::vector<double> undetected;  // expected number per area of targets never seen, a cell each
     Learned false_reports, p_detection, variance;
+    std::array<Learned, kRings> shadow;  // false reports near likely targets over those of an even spread
     StepCounts counts;  // of the newest step
 };
 

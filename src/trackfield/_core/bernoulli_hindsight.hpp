@@ -75,6 +75,7 @@ struct Believed {
     double first = 0, existence = 0;
     Plane state;
     bool detected = false, shown = false;
+    Recent recent{};  // of the likeliest history
 };
 
 class Hindsight {
@@ -119,6 +120,7 @@ class Hindsight {
         for (const Leaf &leaf : past) b.existence += leaf.weight * leaf.existence;
         const Leaf &best = likeliest(past);
         b.detected = best.report() >= 0;
+        b.recent = best.recent;
         Moments moments;
         for (const Leaf &leaf : past) {
             const double w = leaf.weight * leaf.existence;

@@ -1,8 +1,11 @@
 // One scan: predict, weigh, decide in clusters, and make the frame of what is believed now.
 #pragma once
 
+#include <optional>
+
 #include "bernoulli_component.hpp"
 #include "bernoulli_prediction.hpp"
+#include "bernoulli_shadow.hpp"
 
 namespace trackfield {
 
@@ -58,9 +61,11 @@ class BernoulliStep {
     std::vector<BernoulliReport> reports_;
     std::vector<double> unassigned_;
     std::vector<Draft> drafts_;
+    std::optional<Shadow> shadow_;  // where the density of false reports is learned
     double clutter_ = 0;  // false reports expected in this scan
 
     void begin_learning() {
+        next_.shadow.fill({kShadowWeight, kShadowWeight});
         next_.false_reports = {m_.first_false * m_.weight_false, m_.weight_false};
         next_.p_detection = {m_.first_p_detection * m_.weight_p_detection, m_.weight_p_detection};
         next_.variance = {m_.first_sigma * m_.first_sigma * m_.weight_sigma, m_.weight_sigma};
@@ -95,9 +100,14 @@ class BernoulliStep {
             clutter_ = n - expected;
             ++next_.counts.burst;
         }
+        const bool learned = m_.false_per_scan < 0;
+        if (learned) shadow_.emplace(m_, leaves_);
+        const auto density = learned ? shadow_->relative(next_.shadow) : std::array<double, kRings>{};
         const double relative = m_.region.area() * mean(m_.false_map);
         for (BernoulliReport &z : reports_) {
-            const double false_density = std::max(clutter_ * m_.false_map.at(z.x, z.y) / relative, kLeastDensity);
+            double false_density = clutter_ * m_.false_map.at(z.x, z.y) / relative;
+            if (learned) false_density *= density[shadow_->ring(z.x, z.y)];
+            false_density = std::max(false_density, kLeastDensity);
             const double first = z.p_detection * undetected.at(z.x, z.y);
             z.rho = false_density + first;
             z.first = first / z.rho;
@@ -160,7 +170,7 @@ class BernoulliStep {
         }
     }
 
-    // Numbers the new tracks and lays everything out; the least likely go where there are too many.
+    // Lays everything out; the least likely go where there are too many.
     void finish(double t) {
         size_t count = 0;
         for (const Draft &d : drafts_) count += d.tracks.size();
@@ -185,7 +195,7 @@ class BernoulliStep {
                 const int32_t begin = int32_t(frame->leaves.size());
                 offset.push_back(begin);
                 frame->leaves.insert(frame->leaves.end(), track.leaves.begin(), track.leaves.end());
-                frame->tracks.push_back({track.id ? track.id : next_.next_id++, begin, int32_t(frame->leaves.size()), track.first});
+                frame->tracks.push_back({track.id, begin, int32_t(frame->leaves.size()), track.first});
             }
             cluster.end = int32_t(frame->tracks.size());
             cluster.weight = std::move(d.weight);
@@ -203,6 +213,12 @@ class BernoulliStep {
     void learn(double share, double arrived) {
         double found_false = 0;
         for (size_t j = 0; j < reports_.size(); ++j) found_false += unassigned_[j] * (1 - reports_[j].first);
+        if (shadow_) {
+            std::array<double, kRings> found{};
+            for (size_t j = 0; j < reports_.size(); ++j)
+                found[shadow_->ring(reports_[j].x, reports_[j].y)] += unassigned_[j] * (1 - reports_[j].first);
+            for (int r = 0; r < kRings; ++r) next_.shadow[r].add(found[r], found_false * shadow_->share(r), m_.memory_false);
+        }
         next_.false_reports.add(found_false / std::max(arrived, 1e-6), 1, m_.memory_false);
         double detected = 0, there = 0, squares = 0, residuals = 0;
         for (const Draft &d : drafts_)
@@ -235,6 +251,7 @@ class BernoulliStep {
     static constexpr double kLeastDensity = 1e-12;
     // Existence of targets that tell of noise, and of detection: whoever doubts more takes misses for ends.
     static constexpr double kSure = 0.9, kSurest = 0.97;
+    static constexpr double kShadowWeight = 5;
     static constexpr double kPace = 4;            // of learning the noise
 };
 

@@ -47,11 +47,12 @@ _COUNTED = ("enumerated", "propagated", "burst", "crowded_out")
 class BernoulliState(NamedTuple):
     """The scans of the window with the states between them, and when reports came.
 
-    `arrivals` (ages,) counts reports by the age of their scan, `waited` (ages,) the scans that have
+    `names` are the identities; `arrivals` (ages,) counts reports by the age of their scan, `waited` (ages,) the scans that have
     reached that age.
     """
 
     window: rewind.Window[kernel.State]
+    names: kernel.Names
     arrivals: Vector
     waited: Vector
 
@@ -72,7 +73,7 @@ class Bernoulli:
         ages = self.settings.window_steps + 1
         arrivals, waited = np.zeros(ages), np.zeros(ages)
         arrivals[0] = waited[0] = 1.0
-        return BernoulliState(rewind.Window((), kernel.State()), arrivals, waited)
+        return BernoulliState(rewind.Window((), kernel.State()), kernel.Names(), arrivals, waited)
 
     def step(
         self, state: BernoulliState, scan: ReportScan, late: Sequence[ReportScan] = ()
@@ -114,7 +115,8 @@ class Bernoulli:
             "replayed": moved.replayed,
         }
         info = Info(counts, self._learned(told), int(told["work"]))
-        return BernoulliState(moved.window, arrivals, waited), info
+        names = self._kernel.renamed(moved.window.state, state.names)
+        return BernoulliState(moved.window, names, arrivals, waited), info
 
     def estimates(self, state: BernoulliState, lag_steps: int = 0) -> Estimates:
         """Tell what is believed of the newest scan, or in hindsight of `lag_steps` before it.
@@ -129,11 +131,11 @@ class Bernoulli:
         inner = state.window.state
         if lag_steps >= inner.scans():
             return _estimates(0.0, np.zeros((0, 22)), np.zeros((0, 3), dtype=np.int32))
-        return _estimates(*self._kernel.estimates(inner, lag_steps))
+        return _estimates(*self._kernel.estimates(inner, state.names, lag_steps))
 
     def explain(self, state: BernoulliState, track: int) -> Explanation | None:
         """Say why a track is there: its likeliest histories; None where there is no such track."""
-        found = kernel.explain(state.window.state, track)
+        found = kernel.explain(state.window.state, state.names, track)
         if found is None:
             return None
         existence, first_s, histories = found
@@ -144,7 +146,7 @@ class Bernoulli:
     def encode(self, state: BernoulliState) -> bytes:
         """Write a state as bytes: arrays of NumPy without pickle."""
         kept = state.window.kept
-        inner = kernel.encode([*(k.before for k in kept), state.window.state])
+        inner = kernel.encode([*(k.before for k in kept), state.window.state], state.names)
         numbers = [k.scan.number for k in kept]
         file = io.BytesIO()
         np.savez(
@@ -168,7 +170,7 @@ class Bernoulli:
                 columns = {name: file[name] for name in file.files}
             if int(columns["version"]) != _VERSION:
                 raise StateError(f"version {_VERSION} expected, found {columns['version']}")
-            states = kernel.decode(columns["kernel"].tobytes())
+            states, names = kernel.decode(columns["kernel"].tobytes())
             for inner in states:
                 self._kernel.check(inner)
             *before, newest = states
@@ -177,7 +179,9 @@ class Bernoulli:
             )
         except (KeyError, ValueError, RuntimeError, EOFError, OSError, zipfile.BadZipFile) as error:
             raise StateError(f"not a state of this tracker: {error}") from error
-        return BernoulliState(rewind.Window(kept, newest), columns["arrivals"], columns["waited"])
+        return BernoulliState(
+            rewind.Window(kept, newest), names, columns["arrivals"], columns["waited"]
+        )
 
     def _late(self, state: BernoulliState, late: Sequence[ReportScan]) -> list[Intake]:
         parts: list[Intake] = []
