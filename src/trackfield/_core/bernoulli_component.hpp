@@ -71,13 +71,13 @@ class Component {
     // `clusters` of the scan before that share `reports` of this one.
     Resolved resolve(const std::vector<int32_t> &clusters, const std::vector<int32_t> &reports, int64_t budget) {
         Resolved out;
-        const Joint joint = together(clusters);
+        Joint joint;
         Enumeration exact(s_.options, s_.reports.size(), s_.model);
-        if (exact.run(joint, budget)) {
-            out.work = exact.work;
+        const bool found = together(clusters, budget, joint, out.work) && exact.run(joint, budget - out.work);
+        out.work += exact.work;
+        if (found) {
             explain(joint, exact, reports, out);
         } else {
-            out.work = exact.work;
             out.propagated = true;
             propagate_all(clusters, reports, out);
         }
@@ -89,9 +89,9 @@ class Component {
     const double t_;
     std::vector<int32_t> local_;  // scratch: place of a report in the component
 
-    // The product of the clusters' hypotheses, without its unlikely part.
-    Joint together(const std::vector<int32_t> &clusters) const {
-        Joint joint;
+    // The product of the clusters' hypotheses, without its unlikely part; false if the budget did not suffice.
+    bool together(const std::vector<int32_t> &clusters, int64_t budget, Joint &joint, int64_t &work) const {
+        const size_t most = size_t(s_.model.hypotheses);
         joint.log_weight = {0};
         for (int32_t c : clusters) {
             const Cluster &cluster = s_.before.clusters[c];
@@ -101,13 +101,16 @@ class Component {
             const double least = joint.log_weight[0] + log_new[0] + std::log(s_.model.least_weight);
             std::vector<std::pair<double, std::pair<int32_t, int32_t>>> pairs;
             for (size_t h = 0; h < joint.size(); ++h)
-                for (size_t g = 0; g < log_new.size(); ++g) {  // both likeliest first
+                // Both come likeliest first, so (h + 1) (g + 1) pairs are at least as likely as this one.
+                for (size_t g = 0; g < log_new.size() && (h + 1) * (g + 1) <= most; ++g) {
                     const double w = joint.log_weight[h] + log_new[g];
                     if (w < least) break;
                     pairs.push_back({w, {int32_t(h), int32_t(g)}});
                 }
             std::sort(pairs.begin(), pairs.end(), [](auto &a, auto &b) { return a.first != b.first ? a.first > b.first : a.second < b.second; });
-            if (pairs.size() > size_t(s_.model.hypotheses)) pairs.resize(size_t(s_.model.hypotheses));
+            if (pairs.size() > most) pairs.resize(most);
+            work += int64_t(pairs.size() * (1 + (n + m) / 32));
+            if (work > budget) return false;
             Joint next;
             next.tracks = joint.tracks;
             for (int32_t i = cluster.begin; i < cluster.end; ++i) next.tracks.push_back(i);
@@ -120,7 +123,7 @@ class Component {
             }
             joint = std::move(next);
         }
-        return joint;
+        return true;
     }
 
     void explain(const Joint &joint, const Enumeration &exact, const std::vector<int32_t> &reports, Resolved &out) {

@@ -35,8 +35,8 @@ class BernoulliSettings:
     gate_d2: float = 20.0
     least_existence: float = 1e-3
     least_weight: float = 1e-4  # of a hypothesis, over the likeliest one
-    work: int = 100_000
-    cluster_work: int = 20_000
+    work: int = 50_000
+    cluster_work: int = 10_000
     cutoff_m: float = 5.0
     near_m: float = 2.0
 
