@@ -31,6 +31,14 @@ class Model:
     def renamed(self, state: State, names: Names) -> Names: ...
     def check(self, state: State) -> None: ...
 
+def take_in(
+    position: Matrix,
+    covariance: Matrix,
+    number: Indices,
+    region: Sequence[float],
+    variance: float,
+    known: Matrix,
+) -> tuple[int, NDArray[np.uint8], int, int]: ...
 def explain(
     state: State, names: Names, track: int
 ) -> tuple[float, float, list[tuple[float, list[int]]]] | None: ...

@@ -7,6 +7,7 @@
 
 #include "bernoulli_archive.hpp"
 #include "bernoulli_hindsight.hpp"
+#include "bernoulli_intake.hpp"
 #include "bernoulli_step.hpp"
 
 namespace nb = nanobind;
@@ -63,6 +64,7 @@ static BernoulliModel model_from(const nb::dict &d) {
     m.duplicates = get(d, "duplicates");
     m.recent = int(get(d, "recent"));
     m.hypotheses = int(get(d, "hypotheses"));
+    m.poor = get(d, "poor");
     m.leaves = int(get(d, "leaves"));
     m.max_tracks = int(get(d, "max_tracks"));
     m.work = int64_t(get(d, "work"));
@@ -149,6 +151,11 @@ NB_MODULE(_bernoulli, m) {
             if (!state.frames.empty() && state.undetected.size() != Undetected(self).values().size())
                 throw nb::value_error("a state of a scene with other maps");
         });
+    m.def("take_in", [](In position, In covariance, InInt number, const std::vector<double> &region, double variance, In known) {
+        const Rect rect{region[0], region[1], region[2], region[3]};
+        const Intake in = take_in(position.data(), covariance.data(), number.data(), number.shape(0), rect, variance, known.data(), known.shape(0));
+        return nb::make_tuple(int(in.fault), array(in.keep, 1, in.keep.size()), in.outside, in.duplicate);
+    });
     m.def("explain", &explain);
     m.def("encode", [](const std::vector<BernoulliState> &states, const Names &names) {
         const std::string bytes = encode(states, names);

@@ -241,6 +241,7 @@ class Component {
     void separate(int32_t track, const std::vector<Link> &links, size_t begin, size_t end, double scale_missed, double missed, Resolved &out) {
         const Track &old = s_.before.tracks[track];
         DraftTrack grown_track{old.id, old.first, {}};
+        double all = 0;
         for (int32_t l = old.begin; l < old.end; ++l)
             for (int32_t k = s_.options.begin[l]; k < s_.options.begin[l + 1]; ++k) {
                 const Option &option = s_.options.options[k];
@@ -252,6 +253,7 @@ class Component {
                     while (e < end && links[e].report != local_[option.report]) ++e;
                     w *= links[e].marginal / (links[e].weight * missed);
                 }
+                all += w;
                 if (w < s_.model.least_weight) continue;
                 grown_track.leaves.push_back(grown(s_, l, k));
                 grown_track.leaves.back().weight = w;
@@ -262,14 +264,14 @@ class Component {
         std::vector<Leaf> &leaves = d.tracks[0].leaves;
         std::sort(leaves.begin(), leaves.end(), [](const Leaf &a, const Leaf &b) { return a.weight > b.weight; });
         if (leaves.size() > size_t(s_.model.leaves)) leaves.resize(size_t(s_.model.leaves));
-        double present = 0;
+        double kept = 0;
+        for (const Leaf &leaf : leaves) kept += leaf.weight;
         for (size_t k = 0; k < leaves.size(); ++k) {
-            present += leaves[k].weight;
-            d.weight.push_back(leaves[k].weight);
+            d.weight.push_back(leaves[k].weight * all / kept);  // what is left out must not make the target unlikely
             d.choice.push_back(int32_t(k));
         }
-        if (present < 1 - s_.model.least_weight) {
-            d.weight.push_back(1 - present);
+        if (all < 1 - s_.model.least_weight) {
+            d.weight.push_back(1 - all);
             d.choice.push_back(-1);
         }
         out.drafts.push_back(std::move(d));

@@ -28,7 +28,7 @@ class Enumeration {
     int64_t work = 0;
 
     Enumeration(const Options &options, size_t reports, const BernoulliModel &model)
-        : o_(options), taken_(reports, 0), keep_(size_t(model.hypotheses)), log_least_(std::log(model.least_weight)) {}
+        : o_(options), taken_(reports, 0), keep_(size_t(model.hypotheses)), poor_(model.poor), log_least_(std::log(model.least_weight)) {}
 
     // False if the budget did not suffice; then nothing is found.
     bool run(const Joint &joint, int64_t budget) {
@@ -60,14 +60,14 @@ class Enumeration {
         }
         trim();
         std::sort(found.begin(), found.end(), before);
-        return true;
+        return !poor();
     }
 
   private:
     const Options &o_;
     std::vector<char> taken_;
     const size_t keep_;
-    const double log_least_;
+    const double poor_, log_least_;
     double best_ = 0, worst_kept_ = -std::numeric_limits<double>::infinity();
     size_t n_ = 0;
     int64_t budget_ = 0;
@@ -75,6 +75,15 @@ class Enumeration {
     const int32_t *row_ = nullptr;
     std::vector<int32_t> choice_;
     std::vector<double> rest_;
+
+    // Whether what was left out may weigh as much as what was kept: the last ones kept are not much less
+    // likely than the mean.
+    bool poor() const {
+        if (found.size() < keep_) return false;
+        double total = 0;
+        for (const Explained &e : found) total += std::exp(e.log_weight - found[0].log_weight);
+        return std::exp(found.back().log_weight - found[0].log_weight) * double(keep_) > poor_ * total;
+    }
 
     static bool before(const Explained &a, const Explained &b) {
         return a.log_weight != b.log_weight ? a.log_weight > b.log_weight : a.at < b.at;

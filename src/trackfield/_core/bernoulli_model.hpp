@@ -58,6 +58,7 @@ struct BernoulliModel {
     double duplicates = 0.1;        // share of the time in which two names may both be there and still be one
     int recent = 5;               // scans whose reports keep hypotheses apart
     int hypotheses = 100;         // of a cluster
+    double poor = 0.3;            // share of the mean weight above which the last hypothesis kept tells of many lost
     int leaves = 10;              // of a target in a cluster too large for enumeration
     int max_tracks = 1000;
     int64_t work = 100000;        // nodes of all enumerations in a step

@@ -41,14 +41,15 @@ _VERSION = 1
 _ARRIVED = 0.995  # share of reports after which a scan counts as complete
 _ALTERNATIVES = 10
 _LEAST = 1e-9
+_NO_PLACES = np.zeros((0, 2))
 _COUNTED = ("enumerated", "propagated", "burst", "crowded_out")
 
 
 class BernoulliState(NamedTuple):
     """The scans of the window with the states between them, and when reports came.
 
-    `names` are the identities; `arrivals` (ages,) counts reports by the age of their scan, `waited` (ages,) the scans that have
-    reached that age.
+    `names` are the identities that are told; `arrivals` (ages,) counts reports by the age of their
+    scan, `waited` (ages,) the scans that have reached that age.
     """
 
     window: rewind.Window[kernel.State]
@@ -188,7 +189,7 @@ class Bernoulli:
         for added in late:
             known = [kept.scan.position for kept in state.window.kept if kept.scan.t_s == added.t_s]
             known += [part.scan.position for part in parts if part.scan.t_s == added.t_s]
-            places = np.concatenate(known) if known else None
+            places = np.concatenate([_NO_PLACES, *known])
             region = self.scene.reporting.region
             parts.append(take_in(added, region, sigma_m=self._sigma_m, known=places))
         return parts

@@ -35,8 +35,8 @@ class BernoulliSettings:
     gate_d2: float = 20.0
     least_existence: float = 1e-3
     least_weight: float = 1e-4  # of a hypothesis, over the likeliest one
-    work: int = 50_000
-    cluster_work: int = 10_000
+    work: int = 60_000
+    cluster_work: int = 30_000
     cutoff_m: float = 5.0
     near_m: float = 2.0
 
@@ -112,11 +112,12 @@ def kernel_model(scene: Scene, settings: BernoulliSettings) -> dict[str, object]
         "gate": settings.gate_d2,
         "least_existence": settings.least_existence,
         "least_weight": settings.least_weight,
-        "joined_existence": 0.02,
+        "joined_existence": 0.01,
         "dependence": 0.005,
         "duplicates": 0.1,
         "recent": settings.recent_scans,
         "hypotheses": settings.max_hypotheses,
+        "poor": 0.3,
         "leaves": settings.max_leaves,
         "max_tracks": settings.max_tracks,
         "work": settings.work,
