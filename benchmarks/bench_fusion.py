@@ -71,7 +71,12 @@ def measure(
     for _ in range(scans):
         targets = rng.uniform(0, sensors.max(), (field.targets, 2))
         factors = np.exp(field.model.sigma_factor * rng.standard_normal(field.targets))
-        z = signal.simulate(field.model, sensors, targets=targets, rng=rng, factors=factors)
+        z = np.concatenate(
+            [
+                signal.simulate(field.model, part, targets=targets, rng=rng, factors=factors)
+                for part in np.array_split(sensors, -(-len(sensors) // 10_000))  # to bound memory
+            ]
+        )
         began = time.process_time()
         reports = locate(sensors, z)
         times.append(1e3 * (time.process_time() - began))

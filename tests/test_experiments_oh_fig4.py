@@ -6,7 +6,7 @@ from trackfield.experiments import oh_fig4
 
 
 def test_the_paper_rule_errs_as_in_the_figure_and_the_fit_errs_less():
-    found = oh_fig4.fig4(800, fits=60)
+    found = oh_fig4.fig4(400, fits=60)
     chance = 2.5 * found.centroid_error_m / found.paper_m
     assert (np.abs(found.centroid_m / found.paper_m - 1.0) <= 0.02 + chance).all()
     assert (found.fit_m[2:] < 0.6 * found.centroid_m[2:]).all()  # where more than a few hear

@@ -258,6 +258,7 @@ def test_settings_follow_the_spacing_of_the_sensors():
     assert settings_for(OH, grid(20)) == told
     wide = settings_for(OH, grid(20, 3.0))
     assert (wide.leader_radius_m, wide.fit_radius_m, wide.group_radius_m) == (4.5, 8.0, 7.0)
+    assert settings_for(OH, grid(200)).work == 200 * 200**2  # a large field may cost more
     assert settings_for(replace(OH, placement_sigma_m=0.5), grid(20)).leader_sigmas == 6.0
 
 

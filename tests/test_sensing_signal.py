@@ -125,11 +125,11 @@ def test_draws_have_the_mean_and_the_variance_of_the_model(combination):
     targets = np.array([[1.5, 1.0], [4.0, 2.0]])
     model = replace(ROUGH, combination=combination, placement_sigma_m=0.02)
     rng = np.random.default_rng(4)
-    z = np.array([signal.simulate(model, sensors, targets=targets, rng=rng) for _ in range(20000)])
+    z = np.array([signal.simulate(model, sensors, targets=targets, rng=rng) for _ in range(8000)])
     v = signal.variance(model, sensors, targets=targets)
     mean = signal.expected(model, sensors, targets=targets)
-    np.testing.assert_allclose(z.mean(0), mean, atol=5 * np.sqrt(v.max() / 20000))
-    np.testing.assert_allclose(z.var(0), v, rtol=0.05)
+    np.testing.assert_allclose(z.mean(0), mean, atol=5 * np.sqrt(v.max() / 8000))
+    np.testing.assert_allclose(z.var(0), v, rtol=0.08)
 
 
 def test_a_misplaced_sensor_may_stand_beyond_its_range():
@@ -137,10 +137,10 @@ def test_a_misplaced_sensor_may_stand_beyond_its_range():
     model = replace(OH, placement_sigma_m=0.1, sigma=0.5)
     sensors, targets = np.array([[7.95, 0.0], [8.05, 0.0]]), np.zeros((1, 2))
     rng = np.random.default_rng(5)
-    z = np.array([signal.simulate(model, sensors, targets=targets, rng=rng) for _ in range(20000)])
+    z = np.array([signal.simulate(model, sensors, targets=targets, rng=rng) for _ in range(8000)])
     moment = ((z - signal.expected(model, sensors, targets=targets)) ** 2).mean(0)
     v = signal.variance(model, sensors, targets=targets)
-    np.testing.assert_allclose(moment, v, rtol=0.05)
+    np.testing.assert_allclose(moment, v, rtol=0.08)
     assert (v > 2 * model.sigma**2).all()
 
 

@@ -11,6 +11,8 @@ from trackfield.errors import InputError
 from trackfield.sensing.signal import SignalModels
 from trackfield.types import Matrix
 
+_LEAST_WORK = 5_000_000
+_WORK_PER_SENSOR = 200  # where targets stand side by side; of a field with few, less than 10
 _DOUBTFUL = 0.3  # placement error over spacing from which on leaders must be surer
 
 
@@ -37,7 +39,7 @@ class SourceSettings:
     outlier_sigmas: float = 6.0
     group: int = 5
     rounds: int = 3
-    work: int = 5_000_000
+    work: int = _LEAST_WORK
 
     def __post_init__(self) -> None:
         for name in ("leader_radius_m", "fit_radius_m", "group_radius_m", "max_step_m"):
@@ -63,6 +65,7 @@ def settings_for(models: SignalModels, sensors: Matrix) -> SourceSettings:
         max_step_m=0.7 * spacing_m,
         leader_sigmas=6.0 if doubtful else 4.5,
         gain=25.0 if doubtful else 15.0,
+        work=max(_LEAST_WORK, _WORK_PER_SENSOR * len(sensors)),
     )
 
 
