@@ -122,6 +122,18 @@ def test_signals_and_what_they_are_fused_to_are_both_written(call, tmp_path):
     assert (reports.covariance[:, 0] > 0.0).all()
 
 
+def test_ranges_name_their_tags_and_are_tracked(call, tmp_path):
+    folder = tmp_path / "run"
+    assert call("simulate", SCENARIOS / "tags.toml", "-o", folder, "--seed", "3").code == 0
+    site = load_site(folder / "site.toml")
+    readings = read_readings(folder / "measurements.csv", sensor_ids=site.sensor_ids)
+    assert readings.target_ids == ("t1", "t2")
+    tracks = folder / "tracks.csv"
+    assert call("track", folder / "site.toml", folder / "measurements.csv", "-o", tracks).code == 0
+    done = call("score", folder / "truth.csv", tracks, "--json")
+    assert done.json["rmse_m"] < 0.2
+
+
 def test_the_same_seed_writes_the_same_files(call, scenario, tmp_path):
     runs = [("a", ()), ("b", ("--seed", "0")), ("c", ("--seed", "1"))]
     for name, options in runs:

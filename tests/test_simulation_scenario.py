@@ -105,6 +105,11 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             REPORTS + "sigma = 1\n",
             "reports.sigma: found an unknown key; nearest valid one: sigma_m",
         ),
+        (REPORTS + "sigma_m = {}\n", "reports.sigma_m: found a table, expected a number"),
+        (
+            "duration_s = 1e6\nregion = [0, 0, 1, 1]\n[reports]\n[[targets]]\ncount = 100\n",
+            "targets: found up to 1e+08 rows of truth, expected at most 50000000",
+        ),
         (REPORTS + "sigma_m = 'a'\n", "reports.sigma_m: found 'a', expected a number"),
         (REPORTS + "sigma_m = nan\n", "reports.sigma_m: found nan, expected a finite number"),
         (REPORTS + "sigma_m = true\n", "reports.sigma_m: found true, expected a number"),
@@ -307,7 +312,10 @@ def test_a_shipped_scenario_is_sound(path):
 
 
 def test_the_scenarios_that_the_docs_speak_of_are_shipped():
-    assert {path.stem for path in SHIPPED} >= {"lochness", "binary_field", "reports", "crowd"}
+    page = (DOCS / "howto" / "simulate.md").read_text(encoding="utf-8")
+    assert {f"{path.stem}.toml" for path in SHIPPED} == {
+        *re.findall(r"^\| `(\w+\.toml)`", page, re.M)
+    }
     lochness = load_scenario(ROOT / "examples" / "scenarios" / "lochness.toml")
     assert sensor_count(lochness) == 10_000
     model = lochness.signal

@@ -20,6 +20,7 @@ from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
+from trackfield.simulation.fused import fuse
 from trackfield.simulation.hearing import (
     all_of,
     carry_reports,
@@ -30,6 +31,7 @@ from trackfield.simulation.hearing import (
 from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
 from trackfield.simulation.scenario import Reports as ReportModel
 from trackfield.simulation.scenario_file import load_scenario
+from trackfield.simulation.sensed import steps_of
 from trackfield.simulation.told_site import site_of
 from trackfield.simulation.world import doubts, make_world, stream
 
@@ -681,6 +683,10 @@ def test_memory_does_not_grow_with_the_run():
 
 
 def test_readings_and_reports_are_not_confused():
+    world = make_world(BINARY)
+    steps = steps_of(BINARY, world.truth, 0, 1)
+    with pytest.raises(InputError, match=r"without signals, expected \[signal\] to be fused"):
+        fuse(BINARY, world.deployment, steps, np.zeros((1, 144)))
     with pytest.raises(InputError, match="gives reports"):
         all_of(hear_readings(make_world(REPORTS)))
     with pytest.raises(InputError, match="give readings"):
