@@ -87,6 +87,16 @@ def test_as_stone_soup():
             assert mine == pytest.approx(single, rel=1e-9)
 
 
+def test_small_errors_are_not_lost_beside_the_cutoff():
+    one, other = np.array([[0.0, 3.0], [3.0, 0.0]]), np.array([[0.0, 3.25], [3.0, 0.0]])
+    assert ospa(one, other, cutoff_m=7.0, order=6.0) == pytest.approx(
+        0.25 / 2 ** (1 / 6), rel=1e-12
+    )
+    far = np.array([[0.0, 3.25], [3.0, 0.03]])
+    expected = gospa(one, far, cutoff_m=1.0, order=6.0).gospa_m
+    assert gospa(one, far, cutoff_m=700.0, order=6.0).gospa_m == pytest.approx(expected, rel=1e-9)
+
+
 def test_by_hand():
     one, other = (
         np.array([[0.0, 0.0], [10.0, 0.0]]),
@@ -140,7 +150,7 @@ pair_lists = st.lists(
 
 @pytest.mark.parametrize("largest", [matching.LARGEST_DENSE, 0])
 @given(pair_lists)
-def test_the_heaviest_matching_is_that_of_all_subsets(largest, rows):
+def test_the_cheapest_matching_is_that_of_all_subsets(largest, rows):
     i, j, gain = np.array(rows, int).reshape(-1, 3).T
     best = 0
     stack = [(0, 0, frozenset(), frozenset())]
@@ -153,7 +163,7 @@ def test_the_heaviest_matching_is_that_of_all_subsets(largest, rows):
                 stack.append((k + 1, worth + gain[k], left | {i[k]}, right | {j[k]}))
     usual, matching.LARGEST_DENSE = matching.LARGEST_DENSE, largest
     try:
-        chosen = matching.heaviest(i, j, gain.astype(float))
+        chosen = matching.cheapest(i, j, 7.0 - gain, alone=7.0)
     finally:
         matching.LARGEST_DENSE = usual
     assert gain[chosen].sum() == best

@@ -1,4 +1,4 @@
-"""Who goes with whom: the heaviest matching of a sparse set of pairs."""
+"""Who goes with whom: the cheapest matching of a sparse set of pairs."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ Numbers = NDArray[np.integer[Any]]
 LARGEST_DENSE = 10_000_000  # entries; beyond that a table of all pairs costs more than a list
 
 
-def heaviest(left: Numbers, right: Numbers, gain: Vector) -> NDArray[np.bool_]:
-    """Choose pairs (k,) of the largest sum of gains, each left and each right at most once.
+def cheapest(left: Numbers, right: Numbers, cost: Vector, *, alone: float) -> NDArray[np.bool_]:
+    """Choose pairs (k,), each left and right at most once: min sum of cost - `alone` over pairs.
 
-    `left` and `right` (k,) are numbers from 0, `gain` (k,) is positive; a pair appears once. Parts
-    that share nobody are solved apart, so that a run of many steps is one call.
+    `left` and `right` (k,) are numbers from 0, `cost` (k,) is less than `alone`, what two of a side
+    cost without a partner; a pair appears once. Parts that share nobody are solved apart, so that a
+    run of many steps is one call.
     """
     chosen = (np.bincount(left)[left] == 1) & (np.bincount(right)[right] == 1)
     rest = np.flatnonzero(~chosen)
@@ -40,7 +41,7 @@ def heaviest(left: Numbers, right: Numbers, gain: Vector) -> NDArray[np.bool_]:
     i_place, j_place = _places(i_part)[i], _places(j_part)[j]
     order = np.argsort(i_part[i], kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(i_part[i][order])) + 1):
-        picked = _solve(i_place[group], j_place[group], gain[rest[group]])
+        picked = _solve(i_place[group], j_place[group], cost[rest[group]], alone)
         chosen[rest[group[picked]]] = True
     return chosen
 
@@ -54,26 +55,26 @@ def _places(part: Numbers) -> Numbers:
     return places
 
 
-def _solve(i: Numbers, j: Numbers, gain: Vector) -> Numbers:
+def _solve(i: Numbers, j: Numbers, cost: Vector, alone: float) -> Numbers:
     """Places of the chosen pairs of one part."""
     shape = int(i.max()) + 1, int(j.max()) + 1
     if shape[0] * shape[1] > LARGEST_DENSE:
-        return _solve_sparse(i, j, gain)
-    table, pair = np.zeros(shape), np.full(shape, -1)
-    table[i, j], pair[i, j] = gain, np.arange(gain.size)
-    found = pair[linear_sum_assignment(table, maximize=True)]
+        return _solve_sparse(i, j, cost, alone)
+    table, pair = np.full(shape, alone), np.full(shape, -1)
+    table[i, j], pair[i, j] = cost, np.arange(cost.size)
+    found = pair[linear_sum_assignment(table)]
     return found[found >= 0]
 
 
-def _solve_sparse(i: Numbers, j: Numbers, gain: Vector) -> Numbers:
+def _solve_sparse(i: Numbers, j: Numbers, cost: Vector, alone: float) -> Numbers:
     """Solve it as a list of pairs: every left may also stay alone, with a partner of its own."""
     lefts, rights = int(i.max()) + 1, int(j.max()) + 1
-    alone = np.arange(lefts)
-    zero = float(gain.max()) + 1.0  # costs are positive: a list keeps no zeros
+    single = np.arange(lefts)
+    low = float(cost.min()) - 1.0  # so that costs are positive: a list keeps no zeros
     costs = csr_array(
         (
-            np.concatenate([zero - gain, np.full(lefts, zero)]),
-            (np.concatenate([i, alone]), np.concatenate([j, rights + alone])),
+            np.concatenate([cost - low, np.full(lefts, alone - low)]),
+            (np.concatenate([i, single]), np.concatenate([j, rights + single])),
         ),
         shape=(lefts, rights + lefts),
     )

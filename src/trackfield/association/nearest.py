@@ -63,8 +63,8 @@ class Nearest:
         for added in late:
             known = [kept.scan for kept in state.kept] + [part.scan for part in parts]
             places = [one.position for one in known if one.t_s == added.t_s]
-            known_places = np.concatenate(places) if places else None
-            parts.append(take_in(added, region, sigma_m=sigma_m, known=known_places))
+            here = np.concatenate([np.empty((0, 2)), *places])
+            parts.append(take_in(added, region, sigma_m=sigma_m, known=here))
         moved = rewind.advance(
             state,
             taken.scan,

@@ -13,7 +13,7 @@ from trackfield.association.contract import ReportScan
 from trackfield.association.model import Scene, Targets
 from trackfield.association.nearest_state import Held
 from trackfield.filtering import kalman
-from trackfield.matching import heaviest
+from trackfield.matching import cheapest
 from trackfield.types import Gaussian, Matrix, Vector
 
 Pairing = Literal["optimal", "greedy"]
@@ -138,7 +138,7 @@ def _pair(
         total += i.size
         i, near = some[i], d2[some[i], j]
         if settings.pairing == "optimal":
-            chosen = heaviest(i, j, settings.gate_d2 - near)
+            chosen = cheapest(i, j, near, alone=settings.gate_d2)
         else:
             chosen = _greedy(i, j, near)
         report[i[chosen]] = j[chosen]

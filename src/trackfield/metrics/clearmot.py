@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.matching import heaviest
+from trackfield.matching import cheapest
 from trackfield.metrics.steps import Pairs, Steps
 
 MOSTLY, HARDLY = 0.8, 0.2  # shares of a target's life
@@ -114,7 +114,7 @@ def _keep_and_fill(
         tracks, b = np.unique(j[free], return_inverse=True)
         # One more match outweighs any distances.
         worth = 2.0 * min(targets.size, tracks.size) * distance[free].max() + 1.0
-        picked[free] = heaviest(a, b, worth - distance[free])
+        picked[free] = cheapest(a, b, distance[free], alone=worth)
     return picked
 
 

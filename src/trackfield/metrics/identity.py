@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.matching import heaviest
+from trackfield.matching import cheapest
 from trackfield.metrics.steps import Pairs, Steps
 
 
@@ -27,7 +27,7 @@ def identity(steps: Steps, near: Pairs) -> Identity:
     who = steps.truth.who[near.truth].astype(np.int64), steps.shown.who[near.shown]
     pairs, together = np.unique(who[0] * steps.tracks + who[1], return_counts=True)
     target, track = np.divmod(pairs, max(steps.tracks, 1))
-    true = int(together[heaviest(target, track, together.astype(np.float64))].sum())
+    true = int(together[cheapest(target, track, -together.astype(np.float64), alone=0.0)].sum())
     rows, shown = steps.truth.who.size, steps.shown.who.size
     return Identity(
         idf1=2.0 * true / (rows + shown) if rows + shown else None,

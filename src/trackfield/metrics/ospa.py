@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.errors import InputError
-from trackfield.matching import heaviest
+from trackfield.matching import cheapest
 from trackfield.metrics.steps import Pairs, Steps, distances
 from trackfield.types import Indices, Matrix, Vector
 
@@ -107,14 +107,14 @@ def _distances(
     n, m = sizes
     close = near.within(c)
     share = (close.distance / c) ** p  # of c^p
-    # Assigned pairs beyond the cut-off cost c^p each, as much as their members alone: only the
-    # gains within the cut-off decide, for every alpha.
-    chosen = heaviest(close.truth, close.shown, 1.0 - share)
+    # Assigned pairs beyond the cut-off cost c^p each, as much as their members alone: only pairs
+    # within the cut-off decide, for every alpha.
+    chosen = cheapest(close.truth, close.shown, share, alone=1.0)
     where = step[close.truth[chosen]]
     local = np.bincount(where, weights=share[chosen], minlength=n.size)
     matched = np.bincount(where, minlength=n.size)
     low, high = np.minimum(n, m), np.maximum(n, m)
-    mean = (local + high - matched) / np.maximum(high, 1)
+    mean = (local + (high - matched)) / np.maximum(high, 1)
     total = local + (low - matched) + (high - low) / alpha
     return SetDistances(
         ospa_m=c * mean ** (1.0 / p),
