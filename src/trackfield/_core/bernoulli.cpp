@@ -146,7 +146,7 @@ NB_MODULE(_bernoulli, m) {
                  return BernoulliStep(self, state).run(input);
              })
         .def("estimates", &estimates)
-        .def("renamed", [](const BernoulliModel &self, const BernoulliState &state, const Names &names) { return renamed(names, self, state); })
+        .def("renamed", [](const BernoulliModel &self, const BernoulliState &state, const Names &names, size_t replayed) { return renamed(names, self, state, replayed); })
         .def("check", [](const BernoulliModel &self, const BernoulliState &state) {
             if (!state.frames.empty() && state.undetected.size() != Undetected(self).values().size())
                 throw nb::value_error("a state of a scene with other maps");

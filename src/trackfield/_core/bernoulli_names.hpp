@@ -34,16 +34,17 @@ inline int shared_reports(const Recent &a, const Recent &b) {
     return count;
 }
 
-// Late reports, and explanations that take over, make tracks whose reports another one was shown by: the
+// After a scan, and `replayed` ones before it. Late reports, and explanations that take over, make tracks whose reports another one was shown by: the
 // new track takes the identity over, and leaves its own to the old one.
-inline Names renamed(const Names &before, const BernoulliModel &model, const BernoulliState &state) {
+inline Names renamed(const Names &before, const BernoulliModel &model, const BernoulliState &state, size_t replayed) {
     Names now = before;
     if (state.frames.empty()) return now;
-    for (const auto &frame : state.frames)  // a replay may have made tracks anywhere in the window
-        for (const Track &track : frame->tracks) {
+    const size_t frames = state.frames.size();
+    for (size_t k = frames - std::min(frames, replayed + 1); k < frames; ++k)  // a replay makes tracks anywhere
+        for (const Track &track : state.frames[k]->tracks) {
             auto at = now.names.begin() + (now.find(track.id) - now.names.cbegin());
             if (at == now.names.end() || at->track != track.id) at = now.names.insert(at, Name{track.id, now.next++, 0, -1e300, {}});
-            at->seen = frame->t;
+            at->seen = state.frames[k]->t;
         }
     const double oldest = state.frames.front()->t, t = state.frames.back()->t;
     std::erase_if(now.names, [&](const Name &n) { return n.seen < oldest; });

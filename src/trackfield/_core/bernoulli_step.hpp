@@ -143,6 +143,10 @@ class BernoulliStep {
         Component component(view, t);
         for (size_t c = 0; c < C; ++c) {
             if (clusters[c].empty()) continue;
+            if (reports[c].empty() && unambiguous(view.before.clusters[c])) {
+                miss(view, view.before.clusters[c]);
+                continue;
+            }
             const int64_t left = std::max<int64_t>(m_.work - next_.counts.work, 0);
             Resolved found = component.resolve(clusters[c], reports[c], std::min(left, m_.cluster_work));
             next_.counts.work += found.work;
@@ -152,6 +156,17 @@ class BernoulliStep {
         }
         for (size_t j = 0; j < N; ++j)
             if (owner[j] < 0 && reports_[j].first >= m_.least_existence) drafts_.push_back(alone(newborn(view, int32_t(j), t)));
+    }
+
+    static bool unambiguous(const Cluster &cluster) { return cluster.tracks() == 1 && cluster.weight.size() == 1; }
+
+    // Most possible targets are lone reports of some scans ago: nothing to decide on.
+    void miss(const ScanView &view, const Cluster &cluster) {
+        const Track &track = view.before.tracks[cluster.begin];
+        Leaf leaf = grown(view, track.begin, view.options.missed(track.begin));
+        if (leaf.existence >= m_.least_existence) drafts_.push_back(alone({track.id, track.first, {leaf}}));
+        ++next_.counts.enumerated;
+        ++next_.counts.work;
     }
 
     void settle(Draft &&draft) {

@@ -116,7 +116,7 @@ class Bernoulli:
             "replayed": moved.replayed,
         }
         info = Info(counts, self._learned(told), int(told["work"]))
-        names = self._kernel.renamed(moved.window.state, state.names)
+        names = self._kernel.renamed(moved.window.state, state.names, moved.replayed)
         return BernoulliState(moved.window, names, arrivals, waited), info
 
     def estimates(self, state: BernoulliState, lag_steps: int = 0) -> Estimates:
