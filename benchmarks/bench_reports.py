@@ -11,6 +11,7 @@ busy machine slows all of them alike; times are of the processor.
 from __future__ import annotations
 
 import datetime
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -298,12 +299,63 @@ def table(title: str, scores: list[dict[str, Score]]) -> None:
         )
 
 
+def crowd(spacing_m: float, *, targets: int = 100, false: float = 50.0, steps: int = 40) -> None:
+    """Print the cost of targets that walk abreast, as far apart as told."""
+    rng = np.random.default_rng(0)
+    scene = Scene(
+        Reporting(REGION, 1.0, SIGMA_M, (P_DETECTION,), false), Targets(initial_count=targets)
+    )
+    step, seconds = ours(scene), []
+    x = np.column_stack(
+        [50.0 + spacing_m * (np.arange(targets) - targets / 2), np.full(targets, 20.0)]
+    )
+    for t in range(steps):
+        x = x + np.array([0.0, 0.8]) + 0.05 * rng.standard_normal(x.shape)
+        seen = x[rng.random(targets) < P_DETECTION]
+        seen = seen + SIGMA_M * rng.standard_normal(seen.shape)
+        reports = np.concatenate([seen, rng.uniform(0, SIDE_M, (rng.poisson(false), 2))])
+        before = time.process_time()
+        list(step(t, reports))
+        seconds.append(time.process_time() - before)
+    print(
+        f"{targets} abreast, {spacing_m:g} m apart: {1e3 * np.mean(seconds):.1f} ms a step, "
+        f"at most {1e3 * np.max(seconds):.1f}"
+    )
+
+
+def growth() -> None:
+    """Print how the cost of a step grows with the number of targets at the same density."""
+    counts, costs = (25, 50, 100, 200, 400), []
+    for n in counts:
+        rng = np.random.default_rng(n)
+        side, false = SIDE_M * math.sqrt(n / 12), n / 2.0
+        region = Region(0.0, 0.0, side, side)
+        reporting = Reporting(region, 1.0, SIGMA_M, (P_DETECTION,), false)
+        step = ours(Scene(reporting, Targets(births_per_s=n / 120, initial_count=n)))
+        x, v, seconds = rng.uniform(0, side, (n, 2)), rng.normal(0, 0.7, (n, 2)), []
+        for t in range(25):
+            x = x + v
+            v = np.where((x < 0) | (x > side), -v, v)
+            seen = x[rng.random(n) < P_DETECTION]
+            seen = seen + SIGMA_M * rng.standard_normal(seen.shape)
+            reports = np.concatenate([seen, rng.uniform(0, side, (rng.poisson(false), 2))])
+            before = time.process_time()
+            list(step(t, reports))
+            seconds.append(time.process_time() - before)
+        costs.append(float(np.median(seconds[5:])))
+        print(f"{n} targets: {1e3 * costs[-1]:.2f} ms a step")
+    print(f"grows with the power {np.polyfit(np.log(counts), np.log(costs), 1)[0]:.2f}")
+
+
 def main() -> None:
     """Print accuracy and cost of all trackers."""
     seeds = range(int(sys.argv[1]) if len(sys.argv) > 1 else 10)
     table("12 targets, 6 false reports", [compare(contestants(), world(s)) for s in seeds])
     dense = [compare({"dense": ours(ordinary(DENSE))}, world(s, DENSE)) for s in seeds]
     table("40 targets, 20 false reports", dense)
+    for spacing_m in (0.5, 1.0, 2.0):
+        crowd(spacing_m)
+    growth()
 
 
 if __name__ == "__main__":
