@@ -11,7 +11,7 @@
 
 namespace trackfield::mcmcda {
 
-constexpr size_t kMostLookahead = 2000000;  // pairs of links that looking ahead may cost
+constexpr size_t kMostLookahead = 500000;  // pairs of links that looking ahead may cost
 constexpr double kLeastPair = 1e-9;
 
 template <class Belief>

@@ -1,12 +1,9 @@
-// The Markov chain over partitions, Oh Algorithm 3: eight moves, each taken with the probability that
-// leaves the posterior unchanged, min(1, P(w') q(w | w') / (P(w) q(w' | w))), Oh (14).
+// The Markov chain over partitions, Oh Algorithm 3: it remembers the best partition that it met.
 #pragma once
 
-#include <stdexcept>
 #include <vector>
 
-#include "mcmcda_births.hpp"
-#include "mcmcda_swaps.hpp"
+#include "mcmcda_moves.hpp"
 
 namespace trackfield::mcmcda {
 
@@ -17,17 +14,14 @@ struct Counts {
 template <class Belief>
 class Chain {
   public:
-    using Node = mcmcda::Node<Belief>;
-    using Track = mcmcda::Track<Belief>;
-
     Xoshiro rng;
     Counts counts;
 
+    // Start at tracks: `owner` is the number of each report's track, -1 of none.
     Chain(const Window &window, const Xoshiro &random, const int32_t *owner)
-        : rng(random), window_(window), tracks_(window), picks_(tracks_, rng), births_(tracks_, picks_, rng) {
-        for (int kind = 0; kind < 3; ++kind) weigh_moves(kind);
-        for (Track *t : {&one_, &two_}) *t = tracks_.spare();
-        adopt(owner);
+        : rng(random), tracks_(window), moves_(tracks_, rng) {
+        moves_.adopt(owner);
+        score_ = tracks_.score();
         remember();
     }
 
@@ -35,11 +29,10 @@ class Chain {
     Chain &operator=(const Chain &) = delete;
 
     void step() {
-        const Move m = draw_move();
+        const Move m = moves_.draw();
         ++counts.proposed[m];
-        if (!propose(m)) return;
+        if (!moves_.attempt(m)) return;
         ++counts.accepted[m];
-        swaps_known_ = merges_known_ = false;
         score_ = tracks_.score();
         if (score_ > best_score_) remember();
     }
@@ -53,337 +46,24 @@ class Chain {
     double fresh_score() const {
         double sum = 0;
         for (int k = 0; k < tracks_.count(); ++k) {
-            const Track &t = tracks_[k];
-            Node node = tracks_.start(t.nodes[0].report);
+            const Track<Belief> &t = tracks_[k];
+            Node<Belief> node = tracks_.start(t.nodes[0].report);
             for (int p = 1; p < t.length; ++p)
-                node = tracks_.follow(node, *window_.find(node.report, t.nodes[p].report));
+                node = tracks_.follow(node, *tracks_.window().find(node.report, t.nodes[p].report));
             sum += tracks_.finished(node);
         }
         return sum;
     }
 
   private:
-    const Window &window_;
     Tracks<Belief> tracks_;
-    Picks<Belief> picks_;
-    Births<Belief> births_;
-    Track one_, two_;  // proposed
-    std::vector<EndStart> merges_;
-    std::vector<Swap> swaps_, swaps_after_;
-    bool merges_known_ = false, swaps_known_ = false;
-    double move_[3][kMoves], log_move_[3][kMoves];  // without tracks, with one, with more
+    Moves<Belief> moves_;
     double score_ = 0, best_score_ = 0;
     std::vector<int32_t> best_;
-
-    void weigh_moves(int kind) {
-        double sum = 0;
-        for (int m = 0; m < kMoves; ++m) {
-            const bool can = kind == 2 || m == kBirth || (kind == 1 && m != kMerge && m != kSwitch);
-            move_[kind][m] = can ? window_.set.moves[m] : 0;
-            sum += move_[kind][m];
-        }
-        for (int m = 0; m < kMoves; ++m) {
-            move_[kind][m] /= sum;
-            log_move_[kind][m] = std::log(move_[kind][m]);
-        }
-    }
-
-    // Log probability of trying this move with that many tracks.
-    double log_move(Move m, int tracks) const { return log_move_[std::min(tracks, 2)][m]; }
-
-    Move draw_move() {
-        const double *p = move_[std::min(tracks_.count(), 2)];
-        double u = rng.uniform();
-        int m = 0, last = 0;
-        for (; m < kMoves; ++m) {
-            if (p[m] == 0) continue;
-            last = m;
-            if (u < p[m]) break;
-            u -= p[m];
-        }
-        return Move(last);
-    }
-
-    bool propose(Move m) {
-        switch (m) {
-            case kBirth: return birth();
-            case kDeath: return death();
-            case kSplit: return split();
-            case kMerge: return merge();
-            case kExtension: return extension();
-            case kReduction: return reduction();
-            case kUpdate: return update();
-            default: return swap_tails();
-        }
-    }
-
-    bool take(double log_ratio) { return log_ratio >= 0 || std::log(rng.uniform()) < log_ratio; }
-
-    // Take over tracks; one whose reports may not follow each other is cut there.
-    void adopt(const int32_t *owner) {
-        std::vector<std::vector<int32_t>> reports(window_.size());
-        for (int i = 0; i < window_.size(); ++i)
-            if (owner[i] >= 0 && owner[i] < window_.size()) reports[owner[i]].push_back(i);
-        for (const std::vector<int32_t> &track : reports) {
-            Track t = tracks_.spare();
-            for (const int32_t i : track) {
-                const Link *link = t.length > 0 ? window_.find(t.last().report, i) : nullptr;
-                if (link) {
-                    grow(t, *link);
-                    continue;
-                }
-                if (t.length > 1) finish(t);
-                begin(t, i);
-            }
-            if (t.length > 1) finish(t);
-        }
-        score_ = tracks_.score();
-    }
-
-    // Add a track to the partition, and leave an empty one.
-    void finish(Track &t) {
-        t.score = tracks_.finished(t.last());
-        Track done = tracks_.spare();
-        std::swap(done, t);
-        tracks_.add(std::move(done));
-    }
 
     void remember() {
         best_score_ = score_;
         best_ = tracks_.owners();
-    }
-
-    // Building of tracks ---------------------------------------------------------------------------
-
-    void begin(Track &t, int report) {
-        t.nodes[0] = tracks_.start(report);
-        t.length = 1;
-    }
-
-    void grow(Track &t, const Link &link) {
-        t.nodes[t.length] = tracks_.follow(t.nodes[t.length - 1], link);
-        ++t.length;
-    }
-
-    void grow(Track &t, const Track &other, int from) {
-        for (int p = from; p < other.length; ++p) grow(t, *window_.find(t.last().report, other.nodes[p].report));
-    }
-
-    void copy_head(Track &t, const Track &other, int length) {
-        std::copy(other.nodes.begin(), other.nodes.begin() + length, t.nodes.begin());
-        t.length = length;
-    }
-
-    // Draw how a track goes on; log probability.
-    double draw_suffix(Track &t) {
-        double log_q = 0;
-        while (const Link *link = picks_.next(t.last(), log_q)) grow(t, *link);
-        return log_q;
-    }
-
-    // Log probability that the suffix process draws the nodes from place `from` on; they must be free.
-    double log_suffix(const Track &t, int from) {
-        double log_q = 0;
-        for (int p = from; p < t.length; ++p) log_q += picks_.log_next(t.nodes[p - 1], t.nodes[p].report);
-        return log_q + picks_.log_stop(t.last());
-    }
-
-    // Put a proposed track in place of track k.
-    void replace(int k, Track &proposed, int from) {
-        tracks_.release(k, from);
-        std::swap(tracks_[k], proposed);
-        tracks_.own(k, from);
-    }
-
-    // The moves ------------------------------------------------------------------------------------
-
-    bool birth() {
-        int first = 0;
-        double log_q = 0;
-        const Link *second = births_.draw(first, log_q);
-        if (!second) return false;
-        begin(one_, first);
-        grow(one_, *second);
-        log_q += draw_suffix(one_);
-        one_.score = tracks_.finished(one_.last());
-        const int K = tracks_.count();
-        const double forth = log_move(kBirth, K) + log_q;
-        const double back = log_move(kDeath, K + 1) - std::log(double(K + 1));
-        if (!take(one_.score + back - forth)) return false;
-        finish(one_);
-        return true;
-    }
-
-    bool death() {
-        const int K = tracks_.count(), k = rng.below(K);
-        const Track &t = tracks_[k];
-        if (tracks_.frozen(t) > 0) return false;
-        tracks_.release(k, 0);
-        const double forth = log_move(kDeath, K) - std::log(double(K));
-        const double back = log_move(kBirth, K - 1) + births_.log_draw(t.nodes[0].report, t.nodes[1].report) + log_suffix(t, 2);
-        if (take(back - forth - t.score)) {
-            tracks_.remove(k);
-            return true;
-        }
-        tracks_.own(k, 0);
-        return false;
-    }
-
-    int cuts(const Track &t) const { return tracks_.cuts(t.length, tracks_.frozen(t)); }
-
-    int all_cuts() const {
-        int n = 0;
-        for (int k = 0; k < tracks_.count(); ++k) n += cuts(tracks_[k]);
-        return n;
-    }
-
-    const std::vector<EndStart> &merges() {
-        if (!merges_known_) list_merges(tracks_, merges_);
-        merges_known_ = true;
-        return merges_;
-    }
-
-    bool split() {
-        const int K = tracks_.count(), n = all_cuts();
-        if (n == 0) return false;
-        int k = 0, at = rng.below(n);
-        while (at >= cuts(tracks_[k])) at -= cuts(tracks_[k++]);
-        Track &t = tracks_[k];
-        const int cut = std::max(2, tracks_.frozen(t)) + at;
-        begin(one_, t.nodes[cut].report);
-        grow(one_, t, cut + 1);
-        one_.score = tracks_.finished(one_.last());
-        const double head = tracks_.finished(t.nodes[cut - 1]);
-        const int undo = int(merges().size()) + 1 + starts_after(tracks_, t.nodes[cut - 1].report) +
-                         ends_before(tracks_, t.nodes[cut].report);
-        const double forth = log_move(kSplit, K) - std::log(double(n));
-        const double back = log_move(kMerge, K + 1) - std::log(double(undo));
-        if (!take(head + one_.score - t.score + back - forth)) return false;
-        tracks_.release(k, cut);
-        t.length = cut;
-        t.score = head;
-        finish(one_);
-        return true;
-    }
-
-    bool merge() {
-        const int K = tracks_.count(), n = int(merges().size());
-        if (n == 0) return false;
-        const EndStart pair = merges()[rng.below(n)];
-        const Track &a = tracks_[pair.before], &b = tracks_[pair.after];
-        copy_head(one_, a, a.length);
-        grow(one_, b, 0);
-        one_.score = tracks_.finished(one_.last());
-        const int undo = all_cuts() - cuts(a) - cuts(b) + cuts(one_);
-        const double forth = log_move(kMerge, K) - std::log(double(n));
-        const double back = log_move(kSplit, K - 1) - std::log(double(undo));
-        if (!take(one_.score - a.score - b.score + back - forth)) return false;
-        tracks_.release(pair.after, 0);
-        replace(pair.before, one_, 0);
-        tracks_.remove(pair.after);
-        return true;
-    }
-
-    // Ways to shorten a track at its end, two reports and the frozen ones left.
-    int reductions(const Track &t) const { return t.length - std::max(2, tracks_.frozen(t)); }
-
-    bool extension() {
-        const int K = tracks_.count(), k = rng.below(K);
-        Track &t = tracks_[k];
-        const int before = t.length;
-        double log_q = 0;
-        const Link *link = picks_.forced(t.last(), log_q);
-        if (!link) return false;
-        grow(t, *link);
-        log_q += draw_suffix(t);
-        const double score = tracks_.finished(t.last());
-        const double forth = log_move(kExtension, K) + log_q;
-        const double back = log_move(kReduction, K) - std::log(double(reductions(t)));
-        if (!take(score - t.score + back - forth)) {
-            t.length = before;
-            return false;
-        }
-        t.score = score;
-        tracks_.own(k, before);
-        return true;
-    }
-
-    bool reduction() {
-        const int K = tracks_.count(), k = rng.below(K);
-        Track &t = tracks_[k];
-        const int n = reductions(t);
-        if (n <= 0) return false;
-        const int left = t.length - 1 - rng.below(n);
-        tracks_.release(k, left);
-        const double score = tracks_.finished(t.nodes[left - 1]);
-        const double forth = log_move(kReduction, K) - std::log(double(n));
-        const double back = log_move(kExtension, K) + picks_.log_forced(t.nodes[left - 1], t.nodes[left].report) + log_suffix(t, left + 1);
-        if (!take(score - t.score + back - forth)) {
-            tracks_.own(k, left);
-            return false;
-        }
-        t.length = left;
-        t.score = score;
-        return true;
-    }
-
-    // Places from which a track may be drawn afresh.
-    int redraws(const Track &t) const { return t.length - std::max(1, tracks_.frozen(t)) + 1; }
-
-    bool update() {
-        const int k = rng.below(tracks_.count());
-        Track &t = tracks_[k];
-        const int from = t.length - rng.below(redraws(t));
-        tracks_.release(k, from);
-        copy_head(one_, t, from);
-        const double drawn = draw_suffix(one_);
-        if (one_.length < 2) {
-            tracks_.own(k, from);
-            return false;
-        }
-        one_.score = tracks_.finished(one_.last());
-        const double forth = drawn - std::log(double(redraws(t)));
-        const double back = log_suffix(t, from) - std::log(double(redraws(one_)));
-        const bool taken = take(one_.score - t.score + back - forth);
-        if (taken) std::swap(t, one_);
-        tracks_.own(k, from);
-        return taken;
-    }
-
-    const std::vector<Swap> &swaps() {
-        if (!swaps_known_) list_swaps(tracks_, swaps_);
-        swaps_known_ = true;
-        return swaps_;
-    }
-
-    bool swap_tails() {
-        const int n = int(swaps().size());
-        if (n == 0) return false;
-        const Swap s = swaps()[rng.below(n)];
-        copy_head(one_, tracks_[s.a], s.i);
-        grow(one_, tracks_[s.b], s.j);
-        copy_head(two_, tracks_[s.b], s.j);
-        grow(two_, tracks_[s.a], s.i);
-        one_.score = tracks_.finished(one_.last());
-        two_.score = tracks_.finished(two_.last());
-        const double log_u = std::log(rng.uniform());
-        const double gain = one_.score + two_.score - tracks_[s.a].score - tracks_[s.b].score;
-        if (log_u >= gain + std::log(double(n))) return false;  // whatever the swapped tracks could undo
-        exchange(s);
-        list_swaps(tracks_, swaps_after_);
-        if (log_u < gain + std::log(double(n)) - std::log(double(swaps_after_.size()))) return true;
-        exchange(s);
-        return false;
-    }
-
-    // Put the proposed tracks in place of the two of a swap, or back.
-    void exchange(const Swap &s) {
-        tracks_.release(s.a, s.i);
-        tracks_.release(s.b, s.j);
-        std::swap(tracks_[s.a], one_);
-        std::swap(tracks_[s.b], two_);
-        tracks_.own(s.a, s.i);
-        tracks_.own(s.b, s.j);
     }
 };
 

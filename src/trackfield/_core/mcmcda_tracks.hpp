@@ -72,6 +72,26 @@ class Tracks {
         return next;
     }
 
+    void begin(Track &t, int report) const {
+        t.nodes[0] = start(report);
+        t.length = 1;
+    }
+
+    void grow(Track &t, const Link &link) const {
+        t.nodes[t.length] = follow(t.last(), link);
+        ++t.length;
+    }
+
+    // Go on with the reports of another track from place `from` on.
+    void append(Track &t, const Track &other, int from) const {
+        for (int p = from; p < other.length; ++p) grow(t, *window_.find(t.last().report, other.nodes[p].report));
+    }
+
+    void copy_head(Track &t, const Track &other, int length) const {
+        std::copy(other.nodes.begin(), other.nodes.begin() + length, t.nodes.begin());
+        t.length = length;
+    }
+
     double finished(const Node &node) const { return node.prefix + window_.ending(node.report, node.belief); }
 
     // A track that is not part of the partition yet; it has room for a report a slot.

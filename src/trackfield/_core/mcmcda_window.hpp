@@ -138,6 +138,8 @@ class Window {
     std::vector<Link> links_;
     std::vector<size_t> link_begin_;
     std::vector<std::vector<int32_t>> before_;
+    std::vector<int32_t> by_x_;
+    std::vector<double> widest_;
     std::vector<double> first_, silence_, log_silence_;
 
     void silences() {
@@ -160,6 +162,7 @@ class Window {
 
     void link() {
         const int n = size(), T = slots(), D = reach();
+        sort_by_x();
         link_begin_.assign(size_t(n) * D + 1, 0);
         before_.assign(n, {});
         links_.clear();
@@ -178,17 +181,32 @@ class Window {
         }
     }
 
+    // Reports of every slot from west to east, so that few have to be looked at.
+    void sort_by_x() {
+        by_x_.resize(size());
+        for (int i = 0; i < size(); ++i) by_x_[i] = i;
+        widest_.assign(slots(), 0);
+        for (const Report &r : reports) widest_[r.slot] = std::max(widest_[r.slot], width(r));
+        for (int t = 0; t < slots(); ++t)
+            std::sort(by_x_.begin() + slot_begin[t], by_x_.begin() + slot_begin[t + 1], [&](int i, int j) { return reports[i].x < reports[j].x; });
+    }
+
     void follow(int i, int t, double misses) {
         const Report &a = reports[i];
         const double far = set.max_speed * (times[t] - times[a.slot]), sigma = width(a);
-        for (int j = slot_begin[t]; j < slot_begin[t + 1]; ++j) {
-            const Report &b = reports[j];
+        const double widest = far + set.margin * (sigma + widest_[t]);
+        const auto end = by_x_.begin() + slot_begin[t + 1];
+        auto at = std::lower_bound(by_x_.begin() + slot_begin[t], end, a.x - widest, [&](int j, double x) { return reports[j].x < x; });
+        const size_t first = links_.size();
+        for (; at != end && reports[*at].x <= a.x + widest; ++at) {
+            const Report &b = reports[*at];
             const double dx = b.x - a.x, dy = b.y - a.y, most = far + set.margin * (sigma + width(b));
             if (dx * dx + dy * dy > most * most) continue;
-            const double constant = misses + std::log(detected(t, j)) - log_false[j];
-            links_.push_back({j, constant, std::exp(constant)});
-            before_[j].push_back(i);
+            const double constant = misses + std::log(detected(t, *at)) - log_false[*at];
+            links_.push_back({*at, constant, std::exp(constant)});
+            before_[*at].push_back(i);
         }
+        std::sort(links_.begin() + first, links_.end(), [](const Link &l, const Link &m) { return l.to < m.to; });
     }
 
     static double width(const Report &r) { return std::sqrt((r.xx + r.yy) / 2); }

@@ -17,9 +17,8 @@ def identities(owner: Indices, before: Indices, *, next_track: int) -> tuple[Ind
     get new ones.
     """
     count = int(owner.max(initial=-1)) + 1
-    votes = Counter(
-        (int(k), int(name)) for k, name in zip(owner, before, strict=True) if k >= 0 and name > 0
-    )
+    told = (owner >= 0) & (before > 0)
+    votes = Counter(zip(owner[told].tolist(), before[told].tolist(), strict=True))
     names = np.zeros(count, np.int32)
     used: set[int] = set()
     for (k, name), _ in sorted(votes.items(), key=lambda vote: (-vote[1], vote[0][1], vote[0][0])):
