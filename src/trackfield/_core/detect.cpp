@@ -28,6 +28,7 @@ static Settings settings_from(const nb::dict &d) {
     get(s.velocity_sigma, "velocity_sigma");
     get(s.lifetime, "lifetime");
     get(s.births_per_s, "births_per_s");
+    get(s.initial_count, "initial_count");
     get(s.temper, "temper");
     get(s.join, "join");
     get(s.part, "part");

@@ -41,7 +41,7 @@ template <class Ar> void visit(Ar &ar, detect::Member &m) {
 }
 template <class Ar> void visit(Ar &ar, detect::Group &g) { visit_all(ar, g.members, g.weight); }
 template <class Ar> void visit(Ar &ar, detect::Belief &b) {
-    visit_all(ar, b.t, b.next_track, b.chance.key, b.chance.used, b.nodes, b.p, b.q, b.groups, b.ended, b.times);
+    visit_all(ar, b.t, b.next_track, b.chance.key, b.chance.used, b.nodes, b.p, b.q, b.unseen, b.groups, b.ended, b.times);
 }
 
 }  // namespace trackfield
@@ -49,8 +49,8 @@ template <class Ar> void visit(Ar &ar, detect::Belief &b) {
 namespace trackfield::detect {
 
 // Whether a belief that was read can be stepped: shapes fit, particles that exist are in the region.
-inline bool sound(const Belief &b, const CoverageMap &map, size_t sensors) {
-    if (b.nodes.size() != sensors) return false;
+inline bool sound(const Belief &b, const CoverageMap &map, size_t sensors, size_t unseen) {
+    if (b.nodes.size() != sensors || b.unseen.size() != unseen) return false;
     auto known = [&](const auto &list) {
         for (const auto &e : list)
             if (e.sensor < 0 || size_t(e.sensor) >= sensors) return false;

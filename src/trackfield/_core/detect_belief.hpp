@@ -17,6 +17,7 @@ struct Settings {
     double velocity_sigma = 0;          // of a target that appears, per axis [m/s]
     double lifetime = 0;                // mean [s]
     double births_per_s = 0;            // in the whole region
+    double initial_count = 0;           // expected number of targets when the run begins
     double temper = 1;                  // power of the likelihood of a scan
     double join = 0, part = 0;          // coverage shared by members that join a group, that leave it
     int group_size = 0;
@@ -111,6 +112,7 @@ struct Belief {
     Chance chance;
     std::vector<Node> nodes;
     Rate p, q;
+    std::vector<double> unseen;  // expected targets not yet singled out, by velocity and place
     std::vector<Group> groups;
     std::vector<Member> ended;  // confirmed ones of the last steps, without particles, for hindsight
     std::vector<double> times;  // of the last scans, the newest last

@@ -24,6 +24,7 @@ class Filter {
         Belief b;
         b.chance.key = scrambled(seed + 0x9e3779b97f4a7c15ULL);
         b.nodes.assign(sensors_.size(), Node{s.dead, s.stuck});
+        births_.begin(b);
         return b;
     }
 
@@ -36,7 +37,8 @@ class Filter {
             move(b.chance, g, dt);
         }
         drop(b);
-        work.births = births_.apply(b, evidence_, coverage_, dt);
+        births_.move(b, dt);
+        work.births = births_.apply(b, evidence_, coverage_);
         grouping_.apply(b);
         // The surest first: what they explain starts nothing.
         std::stable_sort(b.groups.begin(), b.groups.end(), [](const Group &x, const Group &y) { return surest(x) > surest(y); });
@@ -49,6 +51,7 @@ class Filter {
         }
         drop(b);
         evidence_.background(b);
+        births_.update(b, evidence_);
         evidence_.learn(b, value, dt);
         evidence_.support(b, dt);
         for (Group &g : b.groups) {
@@ -64,7 +67,7 @@ class Filter {
 
     const Settings s;
     size_t sensors() const { return sensors_.size(); }
-    bool fits(const Belief &b) const { return sound(b, map_, sensors_.size()); }
+    bool fits(const Belief &b) const { return sound(b, map_, sensors_.size(), kVelocities * births_.places()); }
 
    private:
     const CoverageMap map_;

@@ -50,9 +50,10 @@ class DetectSettings:
     turn_sigma_m_s: float = 0.6
     velocity_sigma_m_s: float = 0.9
     lifetime_s: float = 300.0
-    births_per_s: float = 0.005
-    temper: float = 1.0
-    confirm: float = 0.98
+    births_per_s: float = 0.01
+    initial_count: float = 0.1
+    temper: float = 0.85
+    confirm: float = 0.9
     show: float = 0.5
     drop: float = 0.005
     group_size: int = 4
@@ -188,6 +189,7 @@ def _numbers(
         "velocity_sigma": settings.velocity_sigma_m_s,
         "lifetime": settings.lifetime_s,
         "births_per_s": settings.births_per_s,
+        "initial_count": settings.initial_count,
         "temper": settings.temper,
         "join": 0.1,
         "part": 0.05,
@@ -200,7 +202,7 @@ def _numbers(
         "birth_reach": 0.65 * reach_m,
         "birth_stride": max(1, round(0.2 * reach_m / coverage.grid[2])),
         "births_per_step": 3,
-        "least_birth": 0.4 * settings.drop,
+        "least_birth": 0.1,
         "name_horizon": 2.0,
         "node_time": settings.node_time_s,
         "dead": settings.dead,
