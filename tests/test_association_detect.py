@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from field_runs import GRID, Ways, field_run, wrong
 from trackfield.association.detect import Detect, DetectSettings, ReadingScan
 from trackfield.association.detect_field import DetectField, coverage_of, models_of
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel, columns, coverage
+from walker_runs import GRID, Ways, field_run, wrong
 
 MODEL = DetectionModel(edge_m=1.0)
 FIELD = DetectField(GRID, MODEL, delivery=0.9)

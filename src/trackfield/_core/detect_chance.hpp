@@ -5,7 +5,7 @@
 
 namespace trackfield::detect {
 
-constexpr double kSumSigma = 37837.22680220214;  // of four uniform 16-bit numbers: 65536 / sqrt(3)
+constexpr double kSumSigma = 37837.22724161132;  // of four uniform 16-bit numbers: 65536 / sqrt(3)
 
 // splitmix64 at a place of its sequence (Steele, Lea, Flood 2014).
 inline uint64_t scrambled(uint64_t z) {

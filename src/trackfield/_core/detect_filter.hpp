@@ -80,7 +80,7 @@ class Filter {
     static double surest(const Group &g) {
         double r = 0;
         for (const Member &m : g.members) r = std::max(r, m.existence);
-        return r;
+        return std::round(r * 1e6);  // two that are sure keep their order, whatever the last bits say
     }
 
     // x' = x + dt (v + u/2), v' = v + u: white acceleration, and now and then a new velocity.
