@@ -165,7 +165,6 @@ class BernoulliStep {
         const Track &track = view.before.tracks[cluster.begin];
         Leaf leaf = grown(view, track.begin, view.options.missed(track.begin));
         if (leaf.existence >= m_.least_existence) drafts_.push_back(alone({track.id, track.first, {leaf}}));
-        ++next_.counts.enumerated;
         ++next_.counts.work;
     }
 
