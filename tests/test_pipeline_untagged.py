@@ -87,6 +87,7 @@ def test_what_is_late_within_the_window_ends_as_if_it_had_been_on_time(moved, by
     """Reports arrive up to five steps late: in hindsight nothing of it is seen."""
     delay = np.zeros(len(RUN))
     delay[moved] = 0.5 * by
+    delay[0] = 0.0  # the run begins when it began
     order = np.argsort(RUN.t_s + delay, kind="stable")
     # The last steps stay as they are, so that all late reports come before the end.
     late = operator(lag_steps=6)
@@ -127,6 +128,29 @@ def test_a_row_is_told_when_its_step_closes_and_never_revised():
     # Step k closes by the first report of step k + 1; two reports make a track.
     assert told == [[], [], [0.5], [1.0], [1.5], [2.0]]
     assert tracker.finish().t_s.tolist() == [2.5]
+
+
+def test_a_report_a_window_ahead_is_of_the_present_and_one_further_ahead_waits():
+    tracker = operator()
+    tracker.process(table([(0.0, 10.0, 20.0), (0.5, 10.1, 20.0), (1.0, 10.2, 20.0)]))
+    assert tracker.process(table([(4.0, 30.0, 20.0)])).t_s.max() == 3.5
+    assert len(tracker.process(table([(7.5, 30.0, 20.0)]))) == 0
+    assert tracker.counts["accepted"] == 4
+    assert len(tracker.process(table([(7.0, 30.0, 20.0)]))) > 0
+    assert (tracker.counts["accepted"], tracker.counts["ahead"]) == (5, 1)
+
+
+def test_a_step_takes_what_is_nearest_to_its_time():
+    jitter = [0.0, 0.3, 1.2, 1.3, 2.0, 2.7]
+    rows = run(operator(), table([(t, 10.0 + 0.1 * t, 20.0) for t in jitter]))
+    assert rows.t_s.tolist() == [0.5, 1.0, 1.5, 2.0, 2.5]
+
+
+def test_what_is_older_than_the_run_is_late():
+    tracker = operator()
+    tracker.process(table([(5.0, 10.0, 20.0), (5.5, 10.1, 20.0), (6.0, 10.2, 20.0)]))
+    tracker.process(table([(4.5, 10.0, 20.0), (5.0, 30.0, 20.0)]))
+    assert (tracker.counts["late"], tracker.counts["delayed"]) == (1, 1)
 
 
 def test_a_watermark_closes_steps_without_a_further_report():

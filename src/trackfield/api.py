@@ -78,8 +78,11 @@ def track(
     if feed is None:
         return tagged.track(place, cast("Iterable[Readings]", whole), **lags).tracks
     if place.reports.region is None or place.reports.step_s is None:
-        whole = list(whole)
-        place = settled(place, whole)
+        if isinstance(data, str | Path):  # is read twice rather than kept
+            place = settled(place, stream_data(data, sensor_ids=place.sensor_ids))
+        else:
+            whole = list(whole)
+            place = settled(place, whole)
     return track_unknown(place, whole, feed, **lags).tracks
 
 

@@ -152,7 +152,8 @@ class Slots:
     def _sort_in(self, slot: int, rows: Matrix) -> None:
         if self.closed is None or slot > self._newest() + self.rules.window:
             self._wait(slot, rows)
-        elif slot <= self.closed - self.rules.window:
+        elif slot <= self.closed and slot not in self.kept:
+            # Older than the window, than the run, or of a silence that was passed over.
             self.counts["late"] += len(rows)
         else:
             self._refute()
