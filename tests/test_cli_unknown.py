@@ -18,6 +18,7 @@ from trackfield.io.data import data_from_columns, holds_reports
 from trackfield.io.measurements import write_readings
 from trackfield.io.reports import read_reports, write_reports
 from trackfield.io.truth import write_truth
+from trackfield.network.site import TrackerSettings
 from trackfield.network.site_file import load_site
 from trackfield.network.site_writer import write_site
 from trackfield.pipeline.extent import settled, spanned, usual_step
@@ -92,6 +93,13 @@ def test_python_tracks_the_same_from_every_form(call, run):
     told = replace(place, reports=replace(settled(place, [RUN]).reports))
     np.testing.assert_array_equal(trackfield.track(told, RUN).position, first.position)
     assert len(trackfield.track(place, RUN, lag_steps=3)) > 150
+
+
+@pytest.mark.parametrize("method", ["bernoulli", "mcmcda", "nearest"])
+def test_a_lag_longer_than_the_window_lengthens_it(method):
+    place = site(tracker=TrackerSettings(method=method, window_steps=3))
+    rows = trackfield.track(place, RUN, lag_steps=20)
+    assert rows.t_s.max() == RUN.t_s.max()
 
 
 def test_frames_are_data_too():
