@@ -102,6 +102,8 @@ class DetectTwin:
         for group in self.groups:
             self.move(group, dt)
         self.drop()
+        self.background(None)
+        self.doubt(value)
         self.move_unseen(dt)
         self.single_out()
         self.regroup()
@@ -191,13 +193,33 @@ class DetectTwin:
     def listen(self, value):
         weight = self.s["rate_weight"]
         more, louder = (weight + self.rates[:, 0]) / (weight + self.rates[:, 1])
-        p, q, d = self.sensors.T
+        p, q, d, _ = self.sensors.T
         self.p = np.minimum(0.999, p * more)
         self.q = np.minimum(0.999 * self.p, q * louder)
         good = 1 - self.dead - self.stuck
         silent = (1.0, 0.0) if self.s["says_zero"] else (1 - d * (good + self.stuck), d * good)
         self.said = np.select([value == 1, value == 0], [good + self.stuck, 0.0], silent[0])
         self.quiet = np.select([value == 1, value == 0], [-good, 1.0], silent[1])
+
+    def doubt(self, value):
+        d, group = self.sensors[:, 2], self.sensors[:, 3]
+        away = self.bare >= 0.95
+        expected = (self.q * d)[away].sum()
+        more = (value[away] == 1).sum() - self.s["most_new"] * self.dense.sum() / len(self.dense)
+        if expected > 0 and more > expected:
+            self.q = np.minimum(0.999 * self.p, self.q * more / expected)
+        self.cut_off = np.zeros(len(d))
+        for one in np.unique(group):
+            of = group == one
+            if (value[of] != -1).any():
+                continue
+            said = 1.0 if self.s["says_zero"] else 1 - (self.missed - self.q * self.bare)
+            heard = np.minimum(0.999, d * (1 - self.dead - self.stuck) * said)
+            silence = np.prod(1 - heard[of])
+            outage = self.s["outage"]
+            self.cut_off[of] = outage / (outage + (1 - outage) * silence)
+        self.said = self.said + self.cut_off * (1 - self.said)
+        self.quiet = self.quiet * (1 - self.cut_off)
 
     def background(self, without):
         self.missed, self.bare = np.ones(len(self.p)), np.ones(len(self.p))
@@ -252,7 +274,8 @@ class DetectTwin:
     def learn(self, value, dt):
         s, d = self.s, self.sensors[:, 2]
         one, good = 1 - (self.missed - self.q * self.bare), 1 - self.dead - self.stuck
-        told = value >= 0 if s["says_zero"] else np.ones(len(value), bool)
+        heard = self.cut_off <= 0.5
+        told = heard & (value >= 0) if s["says_zero"] else heard
         for row, near in enumerate((self.bare < 0.05, self.bare > 0.95)):
             expected = (good * one * (1.0 if s["says_zero"] else d))[told & near].sum()
             keep = math.exp(-expected / s["rate_memory"])
@@ -264,10 +287,10 @@ class DetectTwin:
         if_stuck = np.select([value == 1, value == 0], [d, 0.0], 1 - d)
         total = good * if_good + self.dead * if_dead + self.stuck * if_stuck
         back = 1 - math.exp(-dt / s["node_time"])
-        self.dead = self.dead * if_dead / total
-        self.stuck = self.stuck * if_stuck / total
-        self.dead += back * (s["dead"] - self.dead)
-        self.stuck += back * (s["stuck"] - self.stuck)
+        for name, likely in (("dead", if_dead), ("stuck", if_stuck)):
+            new = getattr(self, name) * likely / total
+            new += back * (s[name] - new)
+            setattr(self, name, np.where(heard, new, getattr(self, name)))
 
     # Births -------------------------------------------------------------------------------------
 
@@ -276,7 +299,8 @@ class DetectTwin:
         survival = math.exp(-dt / s["lifetime"])
         for v, (vx, vy) in enumerate(self.velocity):
             old = self.unseen[v].reshape(self.shape)
-            new = np.full(self.shape, s["births_per_s"] * dt * self.prior[v] / old.size)
+            fresh = s["births_per_s"] * s["lifetime"] * (1 - survival)
+            new = np.full(self.shape, fresh * self.prior[v] / old.size)
             for i, j in itertools.product(range(rows), range(columns)):
                 y, x = i + vy * dt / self.width, j + vx * dt / self.width
                 for di, dj in itertools.product((0, 1), (0, 1)):

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from benches import load
 from trackfield.association.detect import Detect, DetectSettings, ReadingScan
 from trackfield.association.detect_field import DetectField, coverage_of, models_of
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel, columns, coverage
-from walker_runs import GRID, Ways, field_run, wrong
 
+scenario = load(Path(__file__).parents[1] / "benchmarks" / "walker_scenario.py")
+GRID, Field, Ways, draw, wrong = (
+    scenario.GRID,
+    scenario.Field,
+    scenario.Ways,
+    scenario.draw,
+    scenario.wrong,
+)
 MODEL = DetectionModel(edge_m=1.0)
 FIELD = DetectField(GRID, MODEL, delivery=0.9)
 QUICK = DetectSettings(particles=500)
@@ -40,14 +50,14 @@ def shown(tracker, states, lag=0):
 
 
 def test_the_same_seed_gives_the_same_run_and_another_one_does_not(tracker):
-    run = field_run(1, 2)
+    run = draw(1, 2)
     first, again, other = (track(tracker, run, seed)[40] for seed in (3, 3, 4))
     assert tracker.encode(first) == tracker.encode(again)
     assert tracker.encode(first) != tracker.encode(other)
 
 
 def test_a_step_leaves_the_state_before_it_as_it_was(tracker):
-    run = field_run(2, 2)
+    run = draw(2, 2)
     state = track(tracker, run)[30]
     before = tracker.encode(state)
     tracker.step(state, ReadingScan(100.0, run.values[31]))
@@ -55,7 +65,7 @@ def test_a_step_leaves_the_state_before_it_as_it_was(tracker):
 
 
 def test_a_state_that_was_written_goes_on_as_if_it_had_not_been(tracker):
-    run = field_run(3, 3)
+    run = draw(3, 3)
     states = track(tracker, run)
     state = tracker.decode(tracker.encode(states[30]))
     for t, value in zip(run.times[31:], run.values[31:], strict=True):
@@ -64,7 +74,7 @@ def test_a_state_that_was_written_goes_on_as_if_it_had_not_been(tracker):
 
 
 def test_bytes_that_are_no_state_are_refused(tracker):
-    data = tracker.encode(track(tracker, field_run(4, 1))[40])
+    data = tracker.encode(track(tracker, draw(4, 1))[40])
     small = Detect(DetectField(GRID[:24], MODEL), QUICK)
     for bad in (b"", b"abc", data[:-3], data + b"x", data[:48] + b"\xff" * 8 + data[56:]):
         with pytest.raises(StateError):
@@ -130,7 +140,7 @@ def test_the_raster_holds_the_coverage_of_any_shape():
 
 def test_an_explanation_names_the_sensors_about_the_track():
     tracker = Detect(FIELD)
-    run = field_run(5, 1)
+    run = draw(5, 1)
     states = track(tracker, run)
     here = np.flatnonzero(~np.isnan(run.truth[:, 0, 0]))[20]
     estimates = tracker.estimates(states[here])
@@ -148,7 +158,7 @@ def test_hindsight_is_nearer_to_the_truth_and_refuses_what_it_does_not_keep():
     tracker = Detect(FIELD)
     errors = np.zeros((2, 0))
     for seed in range(3):
-        run = field_run(seed, 1)
+        run = draw(seed, 1)
         states = track(tracker, run)
         live, late = shown(tracker, states), shown(tracker, states, 5)[5:]
         for s, truth in enumerate(run.truth[:-5, 0]):
@@ -163,7 +173,7 @@ def test_hindsight_is_nearer_to_the_truth_and_refuses_what_it_does_not_keep():
 
 def test_nodes_that_say_nothing_are_found_out():
     tracker = Detect(FIELD)
-    run = field_run(7, 3)
+    run = draw(7, 3)
     dead, stuck = tracker.nodes(track(tracker, run)[-1])
     assert dead[run.dead].min() > 0.3
     assert np.median(dead[np.setdiff1d(np.arange(144), run.dead)]) < 0.03
@@ -185,22 +195,22 @@ def test_a_node_that_always_says_one_is_found_out_and_starts_nothing():
 @pytest.mark.parametrize(("k", "least"), [(1, 10), (2, 10), (3, 9)])
 def test_most_runs_are_right(k, least):
     tracker = Detect(FIELD)
-    runs = [field_run(100 + seed, k) for seed in range(10)]
+    runs = [draw(100 + seed, k) for seed in range(10)]
     faults = [wrong(shown(tracker, track(tracker, run)), run) for run in runs]
     assert sum(not fault for fault in faults) >= least, faults
 
 
 def test_sensors_that_say_zero_are_heard_too():
     tracker = Detect(DetectField(GRID, MODEL, delivery=0.9, says_zero=True))
-    runs = [field_run(200 + seed, 2, says_zero=True) for seed in range(4)]
+    runs = [draw(200 + seed, 2, field=Field(says_zero=True)) for seed in range(4)]
     assert [wrong(shown(tracker, track(tracker, run)), run) for run in runs] == [[]] * 4
 
 
 def test_walkers_on_other_ways_are_followed():
     tracker = Detect(FIELD)
-    ways = Ways("cross", speed=(0.8, 1.6), turning=0.1, stops=True)
+    ways = Ways("cross", speed_m_s=(0.8, 1.6), turning=0.1, stops=True)
     faults = [
         wrong(shown(tracker, track(tracker, run)), run)
-        for run in (field_run(300 + seed, 1, ways=ways) for seed in range(6))
+        for run in (draw(300 + seed, 1, ways=ways) for seed in range(6))
     ]
     assert sum(not fault for fault in faults) >= 5, faults

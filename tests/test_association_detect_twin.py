@@ -33,20 +33,26 @@ def crossing(says_zero, steps=28):
     if says_zero:
         heard = alive & (rng.random(values.shape) < 0.9)
         values = np.where(heard, said.detected, -1).astype(np.int8)
+    values[20:23, SENSORS[:, 0] > 13.0] = -1  # their leader is down
+    values[25] = 1  # a burst
     return values
 
 
 @pytest.mark.parametrize("says_zero", [False, True])
 @pytest.mark.parametrize("step_s", [1.0, 0.5])
 def test_the_kernel_agrees_with_its_twin(says_zero, step_s):
-    field = DetectField(SENSORS, MODEL, delivery=0.9, says_zero=says_zero, step_s=step_s)
+    group = (SENSORS[:, 0] > 13.0).astype(np.int32)
+    field = DetectField(
+        SENSORS, MODEL, delivery=0.9, says_zero=says_zero, step_s=step_s, group=group
+    )
     settings = DetectSettings(particles=240, turns_per_s=0.1, births_per_s=0.1)
     tracker = Detect(field, settings)
     numbers = detect_module._numbers(field, settings, tracker.coverage, 8.12)
     grid, start, sensor, covered = tracker.coverage
     dense = np.zeros((grid[3] * grid[4], len(SENSORS)))
     dense[np.repeat(np.arange(len(dense)), np.diff(start)), sensor] = covered
-    sensors = np.tile([MODEL.p_detection, MODEL.p_false, 0.9], (len(SENSORS), 1))
+    sensors = np.tile([MODEL.p_detection, MODEL.p_false, 0.9, 0.0], (len(SENSORS), 1))
+    sensors[:, 3] = group
     twin = DetectTwin(numbers, grid, dense, sensors, seed=5)
     state, largest, most = tracker.initial(5), 0, 0
     for k, value in enumerate(crossing(says_zero)):

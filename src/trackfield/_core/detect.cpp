@@ -46,6 +46,8 @@ static Settings settings_from(const nb::dict &d) {
     get(s.node_time, "node_time");
     get(s.dead, "dead");
     get(s.stuck, "stuck");
+    get(s.most_new, "most_new");
+    get(s.outage, "outage");
     get(s.says_zero, "says_zero");
     get(s.rate_weight, "rate_weight");
     get(s.rate_memory, "rate_memory");
@@ -54,7 +56,7 @@ static Settings settings_from(const nb::dict &d) {
     return s;
 }
 
-// The map as x_min, y_min, cell, rows, columns and its lists by cell; the sensors as p, q, delivery.
+// The map as x_min, y_min, cell, rows, columns and its lists by cell; the sensors as p, q, delivery, group.
 static void construct(Filter *self, const nb::dict &d, const nb::tuple &grid, In<int32_t> start, In<int32_t> sensor, In<double> covered, In<double> table) {
     CoverageMap map;
     map.x_min = nb::cast<double>(grid[0]), map.y_min = nb::cast<double>(grid[1]), map.cell = nb::cast<double>(grid[2]);
@@ -62,7 +64,7 @@ static void construct(Filter *self, const nb::dict &d, const nb::tuple &grid, In
     map.start.assign(start.data(), start.data() + start.shape(0));
     for (size_t k = 0; k < sensor.shape(0); ++k) map.seen.push_back({sensor.data()[k], covered.data()[k]});
     std::vector<Sensor> sensors;
-    for (size_t k = 0; k + 2 < table.shape(0); k += 3) sensors.push_back({table.data()[k], table.data()[k + 1], table.data()[k + 2]});
+    for (const double *r = table.data(); r + 3 < table.data() + table.shape(0); r += 4) sensors.push_back({r[0], r[1], r[2], int(r[3])});
     if (map.start.size() != size_t(map.cells()) + 1 || map.start.back() != int32_t(map.seen.size()))
         throw nb::value_error("a list of sensors for every cell expected");
     new (self) Filter(settings_from(d), std::move(map), std::move(sensors));

@@ -29,6 +29,8 @@ struct Settings {
     double name_horizon = 0;            // [s]
     double node_time = 0;               // in which a node may die or come back [s]
     double dead = 0, stuck = 0;         // share of nodes
+    double most_new = 0;                // targets that may come in one step
+    double outage = 0;                  // probability that a group is cut off in a step
     bool says_zero = false;             // a node without a detection sends a 0
     double rate_weight = 0, rate_memory = 0;  // of the learned p and q, in readings
     int history = 0;                    // steps that hindsight reaches back
@@ -37,6 +39,7 @@ struct Settings {
 
 struct Sensor {
     double p = 0, q = 0, delivery = 1;
+    int group = 0;  // of the network: cut off together
 };
 
 struct Point {

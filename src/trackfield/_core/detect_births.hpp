@@ -49,7 +49,7 @@ class Births {
         std::vector<double> plane(places());
         for (int v = 0; v < kVelocities; ++v) {
             double *unseen = b.unseen.data() + v * places();
-            const double fresh = s.births_per_s * dt * prior_[v] / double(places());
+            const double fresh = s.births_per_s * s.lifetime * (1 - survival) * prior_[v] / double(places());
             const double right = vx_[v] * dt / width_, up = vy_[v] * dt / width_;
             const double j0 = std::floor(right), i0 = std::floor(up), fj = right - j0, fi = up - i0;
             const double w[2][2] = {{(1 - fi) * (1 - fj), (1 - fi) * fj}, {fi * (1 - fj), fi * fj}};

@@ -14,7 +14,9 @@ class Evidence {
     Evidence(const Settings &settings, const CoverageMap &map, const std::vector<Sensor> &sensors)
         : s(settings), map_(map), sensors_(sensors), p_(sensors.size()), q_(p_), said_(p_), quiet_(p_), missed_(p_),
           bare_(p_), scale_(p_), joint_missed_(p_), joint_bare_(p_), mark_(sensors.size(), -1),
-          ratio_(map.cells()), round_of_(map.cells(), -1) {}
+          cut_off_(p_), ratio_(map.cells()), round_of_(map.cells(), -1) {
+        for (const Sensor &o : sensors) groups_ = std::max(groups_, o.group + 1);
+    }
 
     void listen(const Belief &b, const int8_t *value) {
         const double more = b.p.factor(s.rate_weight), louder = b.q.factor(s.rate_weight);
@@ -26,6 +28,38 @@ class Evidence {
             else if (value[i] == 0) said_[i] = 0, quiet_[i] = 1;
             else if (s.says_zero) said_[i] = 1, quiet_[i] = 0;
             else said_[i] = 1 - d * (good + stuck), quiet_[i] = d * good;
+        }
+    }
+
+    // What no target explains: more detections away from all members than `most_new` targets that
+    // have just come would make are noise of this scan, and false alarms are that much likelier.
+    // A group of which no word comes, though some was due, is cut off: what it does not say tells
+    // nothing. `background` holds all members as predicted.
+    void doubt(const Belief &b, const int8_t *value) {
+        double hits = 0, expected = 0, seen = 0;
+        for (size_t i = 0; i < sensors_.size(); ++i) {
+            if (bare_[i] < 0.95) continue;
+            hits += value[i] == 1;
+            expected += q_[i] * sensors_[i].delivery;
+        }
+        for (const Seen &e : map_.seen) seen += e.covered;
+        const double more = hits - s.most_new * seen / map_.cells();
+        if (expected > 0 && more > expected)
+            for (size_t i = 0; i < q_.size(); ++i) q_[i] = std::min(0.999 * p_[i], q_[i] * more / expected);
+        std::vector<double> silence_of(groups_, 0.0);
+        for (size_t i = 0; i < sensors_.size(); ++i) {
+            const int g = sensors_[i].group;
+            if (value[i] != -1) silence_of[g] = 1;
+            if (silence_of[g] > 0) continue;
+            const double good = 1 - b.nodes[i].dead - b.nodes[i].stuck;
+            const double said = s.says_zero ? 1 : 1 - silence(i);
+            silence_of[g] += std::log(1 - std::min(0.999, sensors_[i].delivery * good * said));
+        }
+        for (size_t i = 0; i < sensors_.size(); ++i) {
+            const double log_silence = silence_of[sensors_[i].group];
+            cut_off_[i] = log_silence > 0 ? 0 : s.outage / (s.outage + (1 - s.outage) * std::exp(log_silence));
+            said_[i] += cut_off_[i] * (1 - said_[i]);
+            quiet_[i] *= 1 - cut_off_[i];
         }
     }
 
@@ -90,6 +124,7 @@ class Evidence {
         const double back = 1 - std::exp(-dt / s.node_time);
         Rate p, q;
         for (size_t i = 0; i < sensors_.size(); ++i) {
+            if (cut_off_[i] > 0.5) continue;
             Node &n = b.nodes[i];
             const double d = sensors_[i].delivery, one = 1 - silence(i), good = 1 - n.dead - n.stuck;
             if (!s.says_zero || value[i] >= 0) {
@@ -134,6 +169,8 @@ class Evidence {
     const std::vector<Sensor> &sensors_;
     std::vector<double> p_, q_, said_, quiet_, missed_, bare_, scale_, joint_missed_, joint_bare_;
     std::vector<int64_t> mark_;
+    std::vector<double> cut_off_;
+    int groups_ = 1;
     std::vector<double> ratio_;
     std::vector<int64_t> round_of_;
     std::vector<int> touched_;

@@ -37,6 +37,8 @@ class Filter {
             move(b.chance, g, dt);
         }
         drop(b);
+        evidence_.background(b);
+        evidence_.doubt(b, value);
         births_.move(b, dt);
         work.births = births_.apply(b, evidence_, coverage_);
         grouping_.apply(b);

@@ -88,13 +88,14 @@ class Detect:
         models = models_of(field)
         self.coverage = coverage_of(field, models)
         delivery = np.broadcast_to(np.asarray(field.delivery, float), len(field.sensors))
+        group = np.broadcast_to(np.asarray(field.group, float), len(field.sensors))
         self._kernel = kernel.Filter(
             _numbers(field, settings, self.coverage, float(reach(models).min())),
             self.coverage.grid,
             self.coverage.start,
             self.coverage.sensor,
             self.coverage.covered,
-            np.stack([models.p_detection, models.p_false, delivery], axis=1).ravel(),
+            np.stack([models.p_detection, models.p_false, delivery, group], axis=1).ravel(),
         )
 
     def initial(self, seed: int = 0) -> kernel.State:
@@ -207,6 +208,8 @@ def _numbers(
         "node_time": settings.node_time_s,
         "dead": settings.dead,
         "stuck": settings.stuck,
+        "most_new": 4.0,
+        "outage": 0.01,
         "says_zero": field.says_zero,
         "rate_weight": settings.learn_readings,
         "rate_memory": 100.0 * settings.learn_readings,

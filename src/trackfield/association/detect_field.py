@@ -32,7 +32,8 @@ class DetectField:
     arrives; `region` where targets can be (default: the sensors' box and half a reach about it).
     Sensors that send nothing but detections are silent when they see nothing and when they or
     their message are lost; with `says_zero` they send a 0 when they see nothing. `step_s` is the
-    time from scan to scan.
+    time from scan to scan. Sensors of one `group` (n,) are cut off together when their
+    leader falls silent.
     """
 
     sensors: Matrix
@@ -41,6 +42,7 @@ class DetectField:
     region: Region | None = None
     step_s: float = 1.0
     says_zero: bool = False
+    group: int | Indices = 0
 
 
 class Coverage(NamedTuple):
@@ -66,6 +68,11 @@ def models_of(field: DetectField) -> DetectionColumns:
     delivery = np.asarray(field.delivery, float)
     if delivery.shape not in {(), (n,)} or not ((delivery >= 0.0) & (delivery <= 1.0)).all():
         faults.append(f"delivery: expected one or {n} probabilities from 0 to 1")
+    group = np.asarray(field.group)
+    if group.shape not in {(), (n,)} or group.dtype.kind not in "iu" or (group < 0).any():
+        faults.append(f"group: expected one or {n} whole numbers from 0")
+    elif group.max(initial=0) > n:
+        faults.append(f"group: found {group.max()}, expected at most {n}")
     if not 0.0 < field.step_s < np.inf:
         faults.append(f"step_s: found {field.step_s}, expected a time above 0")
     region = field.region
