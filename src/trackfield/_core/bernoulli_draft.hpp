@@ -119,7 +119,9 @@ inline Leaf merged(const std::vector<const Leaf *> &group, double weight) {
 }
 
 // Histories of a track that agree on their last scans become one; "no such target" agrees with silence.
-inline void merge_alike(Draft &d, int recent) {
+// Tells whether any did.
+inline bool merge_alike(Draft &d, int recent) {
+    bool any = false;
     const size_t n = d.tracks.size();
     for (size_t i = 0; i < n; ++i) {
         std::vector<Leaf> &leaves = d.tracks[i].leaves;
@@ -147,12 +149,15 @@ inline void merge_alike(Draft &d, int recent) {
             }
             kept.push_back(merged(group, weight));
         }
+        if (kept.size() == leaves.size() && quiet < 0) continue;
+        any = true;
         leaves.swap(kept);
         for (size_t h = 0; h < d.size(); ++h) {
             int32_t &c = d.row(h)[i];
             c = c >= 0 ? place[c] : quiet;
         }
     }
+    return any;
 }
 
 // Tracks that hardly exist go.
@@ -252,10 +257,6 @@ inline size_t root(std::vector<size_t> &parent, size_t i) {
 inline std::vector<Draft> parted(Draft &&d, const BernoulliModel &model) {
     const size_t n = d.tracks.size();
     std::vector<Draft> parts;
-    if (n == 1) {
-        parts.push_back(std::move(d));
-        return parts;
-    }
     std::vector<size_t> parent(n);
     std::iota(parent.begin(), parent.end(), size_t(0));
     std::vector<char> open(n);

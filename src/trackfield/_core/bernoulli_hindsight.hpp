@@ -82,8 +82,8 @@ class Hindsight {
   public:
     Hindsight(const BernoulliModel &model, const BernoulliState &state) : m_(model), s_(state) {}
 
-    // Beliefs about the scan `lag` before the newest; that scan must be there.
-    std::vector<Believed> at(size_t lag) const {
+    // Beliefs about the scan `lag` before the newest, which must be there, in targets that are as likely as told.
+    std::vector<Believed> at(size_t lag, double least = 0) const {
         const size_t newest = s_.frames.size() - 1, k = newest - lag;
         std::vector<Believed> out;
         std::vector<int32_t> done;
@@ -93,6 +93,7 @@ class Hindsight {
             for (const Track &track : frame.tracks) {
                 if (track.first > s_.frames[k]->t) continue;
                 if (std::binary_search(done.begin(), done.end(), track.id)) continue;
+                if (least > 0 && existence(frame, track) < least) continue;
                 out.push_back(believe(track, j, k));
             }
             for (size_t i = before; i < out.size(); ++i) done.push_back(out[i].id);
@@ -106,6 +107,12 @@ class Hindsight {
   private:
     const BernoulliModel &m_;
     const BernoulliState &s_;
+
+    static double existence(const Frame &frame, const Track &track) {
+        double r = 0;
+        for (int32_t l = track.begin; l < track.end; ++l) r += frame.leaves[l].weight * frame.leaves[l].existence;
+        return r;
+    }
 
     Believed believe(const Track &track, size_t j, size_t k) const {
         std::vector<Leaf> past;

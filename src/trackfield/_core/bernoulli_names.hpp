@@ -49,7 +49,7 @@ inline Names renamed(const Names &before, const BernoulliModel &model, const Ber
     const double oldest = state.frames.front()->t, t = state.frames.back()->t;
     std::erase_if(now.names, [&](const Name &n) { return n.seen < oldest; });
 
-    const std::vector<Believed> believed = Hindsight(model, state).at(0);
+    const std::vector<Believed> believed = Hindsight(model, state).at(0, 0.5);  // less is never shown
     std::vector<Name *> fresh;
     for (const Believed &b : believed) {
         if (!b.shown) continue;

@@ -169,14 +169,20 @@ class BernoulliStep {
     }
 
     void settle(Draft &&draft) {
+        const bool lone = draft.tracks.size() == 1;
         settle_hypotheses(draft, m_.least_weight, size_t(m_.hypotheses));
         settle_weights(draft);
-        merge_alike(draft, m_.recent);
-        settle_hypotheses(draft, m_.least_weight, size_t(m_.hypotheses));
-        settle_weights(draft);
+        if (merge_alike(draft, m_.recent)) {
+            settle_hypotheses(draft, m_.least_weight, size_t(m_.hypotheses));
+            settle_weights(draft);
+        }
         drop_unlikely(draft, m_.least_existence);
         if (draft.tracks.empty()) return;
         merge_duplicates(draft, m_.duplicates);
+        if (lone) {
+            drafts_.push_back(std::move(draft));
+            return;
+        }
         for (Draft &part : parted(std::move(draft), m_)) {
             settle_hypotheses(part, m_.least_weight, size_t(m_.hypotheses));
             settle_weights(part);

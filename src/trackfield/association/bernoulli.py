@@ -41,6 +41,7 @@ _VERSION = 1
 _ARRIVED = 0.995  # share of reports after which a scan counts as complete
 _ALTERNATIVES = 10
 _LEAST = 1e-9
+_ALL = np.ones(1)
 _NO_PLACES = np.zeros((0, 2))
 _COUNTED = ("enumerated", "propagated", "burst", "crowded_out")
 
@@ -198,6 +199,8 @@ class Bernoulli:
         """Share of reports that have arrived, by age: told, or as they came so far."""
         if self._told is not None:
             return self._told
+        if not state.arrivals[1:].any():
+            return _ALL
         rate = state.arrivals / np.maximum(state.waited, 1.0)
         return np.cumsum(rate) / rate.sum()
 
