@@ -16,12 +16,13 @@ import numpy as np
 from trackfield.association.contract import AnyAssociator, Explanation, ReportScan
 from trackfield.association.detect import FieldExplanation
 from trackfield.association.model import Scene
-from trackfield.errors import ConfigurationError, InputError, StateError
+from trackfield.errors import InputError, StateError
 from trackfield.network.kinds import SensorModel
 from trackfield.network.site import Site
 from trackfield.pipeline import slots_archive
 from trackfield.pipeline.detections import detector
 from trackfield.pipeline.fronts import Front, Scan, Source, Table
+from trackfield.pipeline.lags import lag_in_steps
 from trackfield.pipeline.methods import associator_of, front_of
 from trackfield.pipeline.rows import Row, Shown, tell, tracks_of
 from trackfield.pipeline.scene import scene
@@ -33,7 +34,6 @@ from trackfield.types import Report, Tracks, concatenate_tracks
 _REMEMBERED = 16  # scans whose reports can be looked up
 _COUNTS = ("accepted", "delayed", "duplicate", "late", "ahead", "outside", "flooded")
 _SLACK = 1e-9  # of a time that is compared
-_MOST_LAG = 1000  # steps that a window must then hold
 
 
 class Feed(NamedTuple):
@@ -76,7 +76,7 @@ class UntaggedTracker:
     ) -> None:
         told = scene(site, of_signals=feed.source == "signal")
         step_s = told.reporting.step_s
-        self._lag = _lag_steps(lag_s, lag_steps, every_s=every_s, step_s=step_s)
+        self._lag = lag_in_steps(lag_s, lag_steps, every_s=every_s, step_s=step_s)
         self._every_s = float(every_s)
         # What is told in hindsight must still be in the window.
         window = max(site.tracker.window_steps, self._lag + 1)
@@ -256,24 +256,6 @@ def _models(site: Site) -> tuple[list[SensorModel], list[int]]:
     """Different models of a site, and which of them each sensor has: there may be thousands."""
     different = {model: place for place, model in enumerate(dict.fromkeys(site.models))}
     return list(different), [different[model] for model in site.models]
-
-
-def _lag_steps(lag_s: float, lag_steps: int, *, every_s: float, step_s: float) -> int:
-    """Lag in steps; `ConfigurationError` for lags that cannot be."""
-    try:
-        sound = all(0 <= float(n) < math.inf for n in (lag_s, lag_steps, every_s))
-        sound = sound and lag_steps == int(lag_steps)
-    except (TypeError, ValueError):
-        sound = False
-    steps = max(math.ceil(lag_s / step_s - _SLACK), int(lag_steps)) if sound else _MOST_LAG + 1
-    if steps > _MOST_LAG:
-        raise ConfigurationError(
-            [
-                f"found lag_s {lag_s!r}, lag_steps {lag_steps!r}, every_s {every_s!r}, expected "
-                f"finite numbers, 0 or more, and whole steps: a lag of at most {_MOST_LAG} steps"
-            ]
-        )
-    return steps
 
 
 def _scan(t_s: float, position: Any, covariance: Any, number: Any) -> ReportScan:  # noqa: ANN401 - of JSON
