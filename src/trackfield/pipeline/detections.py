@@ -26,7 +26,7 @@ from trackfield.network.site import Site, Target
 from trackfield.pipeline.fronts import sensors_of
 from trackfield.pipeline.scene import network_of
 from trackfield.sensing.detection import DetectionModel, columns
-from trackfield.types import Vector
+from trackfield.types import Indices, Vector
 
 _HISTORY = 5  # steps that hindsight reaches back, at least
 
@@ -129,6 +129,7 @@ def detector(site: Site, scene: Scene, *, seed: int, says_zero: bool) -> Rewound
         sensors.positions,
         columns(models),
         delivery=_delivery(site)[sensors.places >= 0],
+        group=_leaders(site)[sensors.places >= 0],
         region=site.reports.region,
         step_s=step_s,
         says_zero=says_zero,
@@ -146,6 +147,14 @@ def _settings(site: Site, window: int) -> DetectSettings:
         if getattr(told, name) != getattr(usual, name)
     }
     return replace(own, **changed)
+
+
+def _leaders(site: Site) -> Indices:
+    """Number the leader (n,) of each sensor, with which it falls silent; 0 without a network."""
+    network = network_of(site)
+    if network is None:
+        return np.zeros(len(site.sensor_ids), np.int32)
+    return np.maximum(network.routes.group, 0).astype(np.int32)
 
 
 def _delivery(site: Site) -> Vector:
