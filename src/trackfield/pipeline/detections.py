@@ -150,7 +150,7 @@ def _settings(site: Site, window: int) -> DetectSettings:
 
 
 def _leaders(site: Site) -> Indices:
-    """Number the leader (n,) of each sensor, with which it falls silent; 0 without a network."""
+    """Give the leader (n,) of each sensor, with which it falls silent; 0 without a network."""
     network = network_of(site)
     if network is None:
         return np.zeros(len(site.sensor_ids), np.int32)
