@@ -75,7 +75,7 @@ def cold_gaps(
     nothing = np.full(len(given), -1, np.int32)
     known = []
     for number, owner in enumerate((source, nothing, nothing)):
-        chain = sampling.start(given, settings, owner=owner, random=[1, 2, 3, number + 1])
+        chain = sampling.start(given, Sampling(), owner=owner, random=[1, 2, 3, number + 1])
         chain.advance(LONG_MOVES)
         known.append(chain.scores()[1])
     cold = []
@@ -104,16 +104,16 @@ def main() -> None:
         ("informed", Sampling(window=SLOTS)),
     ):
         print(f"{name:9s} {moves_per_second(settings) / 1e6:6.2f} million moves per second")
-    crowded = [cold_gaps(*crowded_window(seed), Sampling(window=SLOTS)) for seed in range(6)]
-    cut = [
-        cold_gaps(*cut_window(seed, begin), Sampling())
-        for seed in range(100, 106)
-        for begin in (10, 35, 60)
-    ]
-    for name, gaps in (("15 targets", crowded), ("scenario B", cut)):
+    places = [(seed, begin) for seed in range(100, 106) for begin in (10, 35, 60)]
+    uniform = Sampling(informed=False, weights=ALIKE)
+    for name, gaps in (
+        ("15 targets", [cold_gaps(*crowded_window(seed), Sampling()) for seed in range(6)]),
+        ("run", [cold_gaps(*cut_window(*place), Sampling()) for place in places]),
+        ("run, uniform", [cold_gaps(*cut_window(*place), uniform) for place in places]),
+    ):
         worst = max(float(np.mean(row)) for row in gaps)
         print(
-            f"{name:10s} {np.mean(gaps):6.2f} nats from the best known after {COLD_MOVES} moves "
+            f"{name:12s} {np.mean(gaps):6.2f} nats from the best known after {COLD_MOVES} moves "
             f"from nothing; worst window {worst:.2f}"
         )
     rng = np.random.default_rng(0)

@@ -55,7 +55,7 @@ SPLIT = "const double forth = schedule_.log_of(kSplit, K) - std::log(double(n));
 JOINED = "const double back = schedule_.log_of(kMerge, K + 1) - std::log(double(undo));"
 MERGE = "const double forth = schedule_.log_of(kMerge, K) - std::log(double(n));"
 CUT = "const double back = schedule_.log_of(kSplit, K - 1) - std::log(double(undo));"
-LONGER = "const double forth = schedule_.log_of(kExtension, K) + log_q;"
+LONGER = "const double forth = schedule_.log_of(kExtension, K) + log_q;\n        const"
 UNLONGER = "const double back = schedule_.log_of(kReduction, K) - std::log(double(reductions(t)));"
 SHORTER = "const double forth = schedule_.log_of(kReduction, K) - std::log(double(n));"
 UNSHORTER = (
@@ -129,6 +129,18 @@ HASTINGS = (
         "picks_.log_forced(t.nodes[left - 1], t.nodes[left].report) + ",
     ),
     _without("moves", "reduction: the extension's suffix", UNSHORTER, " + log_suffix(t, left + 1)"),
+    Mutant(
+        "extension before: its draw",
+        "moves",
+        "const double forth = schedule_.log_of(kExtension, K) + log_q;\n        if (!take(one_",
+        "const double forth = schedule_.log_of(kExtension, K);\n        if (!take(one_",
+    ),
+    Mutant(
+        "reduction before: the extension's draw",
+        "moves",
+        " + picks_.log_before(t.nodes[1].report, t.nodes[2].report, t.nodes[0].report);",
+        ";",
+    ),
     _without("moves", "update: its draw", REDRAWN, "drawn "),
     _without("moves", "update: its place", REDRAWN, " - std::log(double(redraws(t)))"),
     _without("moves", "update: the way back's draw", UNREDRAWN, "log_suffix(t, from) "),
@@ -389,7 +401,7 @@ def sources(mutant: Mutant | None) -> dict[str, str]:
 
 
 def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
-    """Compile mutants into one module, a submodule `m0`, `m1`, ... each."""
+    """Compile mutants into one module, a submodule each; no two of all may share a namespace."""
     system = sorted(
         {
             line
@@ -401,14 +413,15 @@ def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
     code = ["#include <nanobind/nanobind.h>", *system]
     doors: list[str] = []
     for number, mutant in enumerate(mutants):
-        folder = place / f"m{number}"
+        own = f"{place.name}_{number}"
+        folder = place / own
         folder.mkdir()
         for name, text in sources(mutant).items():
-            guard = f"M{number}_{name.replace('.', '_')}"  # equal files pass for one of `once`
+            guard = f"{own}_{name.replace('.', '_')}"  # equal files pass for one of `once`
             text = text.replace("#pragma once", "")
             (folder / name).write_text(f"#ifndef {guard}\n#define {guard}\n{text}\n#endif\n")
-        code.append(f'namespace m{number} {{\n#include "m{number}/mcmcda.cpp"\n}}')
-        doors.append(f'{{ auto s = m.def_submodule("m{number}"); m{number}::bind(s); }}')
+        code.append(f'namespace {own} {{\n#include "{own}/mcmcda.cpp"\n}}')
+        doors.append(f'{{ auto s = m.def_submodule("{own}"); {own}::bind(s); }}')
     code.append(f"NB_MODULE({place.name}, m) {{ {' '.join(doors)} }}")
     (place / "all.cpp").write_text("\n".join(code))
     include = Path(nanobind.include_dir())
@@ -494,7 +507,7 @@ def main(words: list[str]) -> int:
             place.mkdir()
             built = build(batch, place)
             for number, mutant in enumerate(batch):
-                killer = first_failure(tests, getattr(built, f"m{number}").Sampler)
+                killer = first_failure(tests, getattr(built, f"{place.name}_{number}").Sampler)
                 if mutant is None:
                     if killer:
                         print(f"the source as it is fails {killer}")

@@ -360,20 +360,42 @@ class Problem:
         for a, b in ways:
             yield ("split", frozenset((a, b))), 1 / len(ways), w - {a, b} | {a + b}
 
+    def earlier(self, track, free) -> dict[int, float]:
+        """Probability of what goes before a track."""
+        weights = {
+            h: LEAST_PAIR
+            + math.exp(self.birth(h))
+            * self.odds((h,), track[0])
+            * self.odds((h, track[0]), track[1])
+            for h in free
+            if track[0] in self.followers[h]
+        }
+        return {h: x / sum(weights.values()) for h, x in weights.items()}
+
     def _extension(self, w):
         free = self.free(w)
+        at_end = 0.5 if self.informed else 1.0
         for track in w:
             for j, q in self.forced(track, free).items():
                 for longer, more in self.suffixes((*track, j), free):
-                    yield ("extension", track, longer), q * more / len(w), w - {track} | {longer}
+                    key = ("extension", track, longer)
+                    yield key, at_end * q * more / len(w), w - {track} | {longer}
+            if self.informed and not self.fixed(track):
+                for h, q in self.earlier(track, free).items():
+                    longer = (h, *track)
+                    yield ("before", track, longer), 0.5 * q / len(w), w - {track} | {longer}
 
     def _reduction(self, w):
+        at_end = 0.5 if self.informed else 1.0
         for track in w:
             least = max(2, self.fixed(track))
             for left in range(least, len(track)):
                 shorter = track[:left]
-                q = 1 / len(w) / (len(track) - least)
+                q = at_end / len(w) / (len(track) - least)
                 yield ("extension", shorter, track), q, w - {track} | {shorter}
+            if self.informed and not self.fixed(track) and len(track) > 2:
+                shorter = track[1:]
+                yield ("before", shorter, track), 0.5 / len(w), w - {track} | {shorter}
 
     def _update(self, w):
         free = self.free(w)

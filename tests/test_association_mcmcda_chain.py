@@ -129,7 +129,7 @@ def test_scores_are_those_of_dense_gaussians(name):
 def test_frozen_slots_keep_their_tracks(informed):
     given = problem("1721", informed, frozen=2)
     start = max(given.partitions, key=lambda w: (sum(given.fixed(t) for t in w), len(w), sorted(w)))
-    visits = given.visits(given.sampler(given.owners([start])[0]).trace(LONG // 4, 1))
+    visits = given.visits(given.sampler(given.owners([start])[0]).trace(LONG, 1))
     kept = [
         k
         for k, w in enumerate(given.partitions)

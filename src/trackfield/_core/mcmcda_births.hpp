@@ -12,7 +12,6 @@
 namespace trackfield::mcmcda {
 
 constexpr size_t kMostLookahead = 500000;  // pairs of links that looking ahead may cost
-constexpr double kLeastPair = 1e-9;
 
 template <class Belief>
 class Births {
@@ -134,7 +133,7 @@ class Births {
         for (int i = 0; i < n; ++i) {
             const Node node = tracks_.start(i);
             for (const Link &l : window_.after(i)) {
-                const double odds = gain(node, l);
+                const double odds = picks_.odds(node, l);
                 backwards[l.to] += odds;
                 pair_[window_.number(l)] = odds * (cost > kMostLookahead || odds <= 0 ? 1 : ahead(tracks_.follow(node, l)));
             }
@@ -146,17 +145,9 @@ class Births {
             }
     }
 
-    // Posterior odds that a report brings which follows.
-    double gain(const Node &node, const Link &l) const {
-        const Report &r = window_.reports[l.to];
-        double norm;
-        const double d2 = node.belief.distance2(r, window_.gap(window_.reports[node.report].slot, r.slot), norm);
-        return d2 < kNowhere ? l.factor * std::exp(-0.5 * d2) / norm : 0;
-    }
-
     double ahead(const Node &node) const {
         double sum = window_.silence(node.report);
-        for (const Link &l : window_.after(node.report)) sum += gain(node, l);
+        for (const Link &l : window_.after(node.report)) sum += picks_.odds(node, l);
         return sum;
     }
 };

@@ -72,8 +72,8 @@ class Moves {
             case kDeath: return death();
             case kSplit: return split();
             case kMerge: return merge();
-            case kExtension: return extension();
-            case kReduction: return reduction();
+            case kExtension: return at_start() ? extension_before() : extension();
+            case kReduction: return at_start() ? reduction_before() : reduction();
             case kUpdate: return update();
             default: return swap_tails();
         }
@@ -196,6 +196,38 @@ class Moves {
         tracks_.release(pair.after, 0);
         replace(pair.before, one_, 0);
         tracks_.remove(pair.after);
+        return true;
+    }
+
+    // Informed extensions and reductions work at either end alike, the uniform ones at the last only.
+    bool at_start() { return window_.set.informed && rng_.uniform() < 0.5; }
+
+    bool extension_before() {
+        const int K = tracks_.count(), k = rng_.below(K);
+        const Track &t = tracks_[k];
+        if (tracks_.frozen(t) > 0 || t.length == window_.slots()) return false;
+        double log_q = 0;
+        const int report = picks_.before(t.nodes[0].report, t.nodes[1].report, log_q);
+        if (report < 0) return false;
+        tracks_.begin(one_, report);
+        tracks_.append(one_, t, 0);
+        one_.score = tracks_.finished(one_.last());
+        const double forth = schedule_.log_of(kExtension, K) + log_q;
+        if (!take(one_.score - t.score + schedule_.log_of(kReduction, K) - forth)) return false;
+        replace(k, one_, 0);
+        return true;
+    }
+
+    bool reduction_before() {
+        const int K = tracks_.count(), k = rng_.below(K);
+        const Track &t = tracks_[k];
+        if (tracks_.frozen(t) > 0 || t.length < 3) return false;
+        tracks_.begin(one_, t.nodes[1].report);
+        tracks_.append(one_, t, 2);
+        one_.score = tracks_.finished(one_.last());
+        const double back = schedule_.log_of(kExtension, K) + picks_.log_before(t.nodes[1].report, t.nodes[2].report, t.nodes[0].report);
+        if (!take(one_.score - t.score + back - schedule_.log_of(kReduction, K))) return false;
+        replace(k, one_, 0);
         return true;
     }
 

@@ -15,6 +15,7 @@ namespace trackfield::mcmcda {
 
 constexpr double kLeastWeight = 1e-4;  // of an informed pick, so that none is impossible
 constexpr double kLeastStop = 1e-2;
+constexpr double kLeastPair = 1e-9;
 constexpr double kNowhere = 60;        // squared distance at which a density is below the least weight
 
 template <class Belief>
@@ -75,6 +76,26 @@ class Picks {
         return std::log(window_.set.stop + (1 - window_.set.stop) * empty);
     }
 
+    // Which report may go before the first two of a track, weighed; -1 if there is none. Adds to `log_q`.
+    int before(int first, int second, double &log_q) {
+        const double total = weigh_before(first, second, -1);
+        return total > 0 ? weighed(total, log_q)->to : -1;
+    }
+
+    // Log probability that `before` gives this report, were it free.
+    double log_before(int first, int second, int report) {
+        const double total = weigh_before(first, second, report);
+        return std::log(weight_of(report) / total);
+    }
+
+    // Posterior odds that a report brings which follows.
+    double odds(const Node &node, const Link &l) const {
+        const Report &r = window_.reports[l.to];
+        double norm;
+        const double d2 = node.belief.distance2(r, window_.gap(window_.reports[node.report].slot, r.slot), norm);
+        return d2 < kNowhere ? l.factor * std::exp(-0.5 * d2) / norm : 0;
+    }
+
     // Distance to look ahead, drawn from zeta.
     int draw_gap() {
         double u = rng_.uniform();
@@ -121,6 +142,7 @@ class Picks {
     std::vector<double> log_gap_;
     double log_go_;
     std::vector<Candidate> candidates_;
+    std::vector<Link> earlier_;  // candidates to go before a track
 
     const Link *uniform(int i, double &log_q) {
         const int d = draw_gap();
@@ -135,16 +157,30 @@ class Picks {
 
     double stop_weight(int i) const { return std::max(window_.silence(i), kLeastStop); }
 
+    // Candidates to go before a track; `also` counts as free.
+    double weigh_before(int first, int second, int also) {
+        candidates_.clear();
+        double total = 0;
+        earlier_.clear();
+        for (const int32_t h : window_.before(first))
+            if (tracks_.free(h) || h == also) earlier_.push_back({h, 0, 0});
+        for (const Link &early : earlier_) {
+            const Node node = tracks_.start(early.to);
+            const Link &link = *window_.find(early.to, first);
+            double weight = std::exp(window_.first(early.to)) * odds(node, link);
+            if (weight > 0) weight *= odds(tracks_.follow(node, link), *window_.find(first, second));
+            candidates_.push_back({&early, weight + kLeastPair});
+            total += weight + kLeastPair;
+        }
+        return total;
+    }
+
     double weigh(const Node &node) {
         candidates_.clear();
         double total = 0;
-        const int slot = window_.reports[node.report].slot;
         for (const Link &l : window_.after(node.report)) {
             if (!tracks_.free(l.to)) continue;
-            const Report &r = window_.reports[l.to];
-            double norm, weight = kLeastWeight;
-            const double d2 = node.belief.distance2(r, window_.gap(slot, r.slot), norm);
-            if (d2 < kNowhere) weight += l.factor * std::exp(-0.5 * d2) / norm;
+            const double weight = kLeastWeight + odds(node, l);
             candidates_.push_back({&l, weight});
             total += weight;
         }
