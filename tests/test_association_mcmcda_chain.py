@@ -128,7 +128,9 @@ def test_scores_are_those_of_dense_gaussians(name):
 @BOTH
 def test_frozen_slots_keep_their_tracks(informed):
     given = problem("1721", informed, frozen=2)
-    start = max(given.partitions, key=lambda w: (sum(given.fixed(t) for t in w), len(w), sorted(w)))
+    early = given.fixed(range(given.n))  # reports in frozen slots; one is to stay a false alarm
+    starts = [w for w in given.partitions if 0 < sum(map(given.fixed, w)) < early]
+    start = max(starts, key=lambda w: (sum(map(given.fixed, w)), len(w), sorted(w)))
     visits = given.visits(given.sampler(given.owners([start])[0]).trace(LONG, 1))
     kept = [
         k
