@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import re
+from collections.abc import Iterator
+from typing import ForwardRef, TypeVar
 
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
@@ -55,8 +59,33 @@ def _skip(
     return True if type(obj).__name__ == "_tuplegetter" else None
 
 
+def _named_tuples() -> Iterator[type]:
+    for module in pkgutil.walk_packages(trackfield.__path__, "trackfield."):
+        if not module.name.endswith("__main__"):
+            for found in vars(importlib.import_module(module.name)).values():
+                if isinstance(found, type) and hasattr(found, "_fields"):
+                    yield found
+
+
+def _qualify(_app: Sphinx) -> None:
+    """Write the types of NamedTuples' fields in full: Sphinx cannot tell whose `Info` is meant."""
+    for found in _named_tuples():
+        names = vars(importlib.import_module(found.__module__))
+
+        def full(word: re.Match[str], names: dict[str, object] = names) -> str:
+            kind = names.get(word[0])
+            named = isinstance(kind, type | TypeVar) and kind.__module__.startswith("trackfield.")
+            return f"{kind.__module__}.{kind.__name__}" if named else word[0]
+
+        for field, kind in found.__new__.__annotations__.items():
+            if isinstance(kind, ForwardRef):
+                written = re.sub(r"(?<![\w.])[A-Z]\w*", full, kind.__forward_arg__)
+                found.__new__.__annotations__[field] = ForwardRef(written)
+
+
 def setup(app: Sphinx) -> None:
-    """Tell Sphinx of the two rules above, and that CSV is plain text."""
+    """Tell Sphinx of the rules above, and that CSV is plain text."""
     app.add_lexer("csv", TextLexer)
+    app.connect("builder-inited", _qualify)
     app.connect("autodoc-process-docstring", _docstring)
     app.connect("autodoc-skip-member", _skip)
