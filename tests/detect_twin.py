@@ -277,7 +277,9 @@ class DetectTwin:
         heard = self.cut_off <= 0.5
         told = heard & (value >= 0) if s["says_zero"] else heard
         for row, near in enumerate((self.bare < 0.05, self.bare > 0.95)):
+            weight, (known, tries) = s["rate_weight"], self.rates[row]
             expected = (good * one * (1.0 if s["says_zero"] else d))[told & near].sum()
+            expected /= (weight + known) / (weight + tries)
             keep = math.exp(-expected / s["rate_memory"])
             hits = (value[told & near] == 1).sum()
             self.rates[row] = keep * self.rates[row] + [hits, expected]

@@ -122,6 +122,8 @@ class Evidence {
     // What is believed of nodes, p and q after the scan. `background` has all members behind it.
     void learn(Belief &b, const int8_t *value, double dt) const {
         const double back = 1 - std::exp(-dt / s.node_time);
+        // What is expected has the factors in it that are known so far; tries are without.
+        const double more = b.p.factor(s.rate_weight), louder = b.q.factor(s.rate_weight);
         Rate p, q;
         for (size_t i = 0; i < sensors_.size(); ++i) {
             if (cut_off_[i] > 0.5) continue;
@@ -129,8 +131,8 @@ class Evidence {
             const double d = sensors_[i].delivery, one = 1 - silence(i), good = 1 - n.dead - n.stuck;
             if (!s.says_zero || value[i] >= 0) {
                 const double expected = good * one * (s.says_zero ? 1 : d);
-                Rate *rate = bare_[i] > 0.95 ? &q : bare_[i] < 0.05 ? &p : nullptr;
-                if (rate) rate->hits += value[i] == 1, rate->tries += expected;
+                if (bare_[i] > 0.95) q.hits += value[i] == 1, q.tries += expected / louder;
+                else if (bare_[i] < 0.05) p.hits += value[i] == 1, p.tries += expected / more;
             }
             double if_good = 1 - d * one, if_dead = 1, if_stuck = 1 - d;  // silent
             if (value[i] == 1) if_good = d * one, if_dead = 0, if_stuck = d;
