@@ -187,7 +187,7 @@ def test_a_paper_that_we_do_not_know_is_refused(call):
 def reproduced(monkeypatch):
     """Stands in for the experiments, which take their time and have tests of their own."""
     from trackfield.experiments import wang
-    from trackfield.experiments.wang_tables import Table
+    from trackfield.experiments.results import Table
 
     asked = {}
 

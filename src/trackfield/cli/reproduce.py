@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
@@ -11,9 +12,33 @@ from trackfield.cli.output import Json, check_figure, check_folder, emit, progre
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from trackfield.experiments.wang import Reproduction
+    from matplotlib.figure import Figure
 
-PAPERS = ("wang",)
+    from trackfield.experiments.results import Table
+
+PAPERS = ("wang", "oh")
+
+
+class Reproduction(Protocol):
+    """What a paper's experiments hand back."""
+
+    @property
+    def tables(self) -> tuple[Table, ...]:
+        """Tables as they are shown."""
+        ...
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What was found, in sentences."""
+        ...
+
+    def to_dict(self) -> dict[str, object]:
+        """Give everything as plain objects."""
+        ...
+
+    def figures(self) -> dict[str, Figure]:
+        """Draw figures, by file name without its suffix."""
+        ...
 
 
 def reproduce(
@@ -34,12 +59,8 @@ def reproduce(
     if output is not None:
         check_figure(output / "figure.png")
         check_folder(output)
-    from numpy.random import default_rng
-
-    from trackfield.experiments.wang import reproduce as run
-
     with progress(f"reproducing {paper}") as moved:
-        result = run(default_rng(seed), quick=quick, progress=moved)
+        result = run(paper, seed, quick=quick, moved=moved)
     written = draw(result, output) if output is not None else []
     if as_json:
         emit({**result.to_dict(), "figures": [str(path) for path in written]})
@@ -50,6 +71,16 @@ def reproduce(
         say(finding)
     for path in written:
         say(f"{path}: drawn")
+
+
+def run(paper: str, seed: int, *, quick: bool, moved: Callable[[float], None]) -> Reproduction:
+    """Run the experiments of a paper."""
+    from numpy.random import default_rng
+
+    from trackfield.experiments import oh, wang
+
+    experiments = {"wang": wang.reproduce, "oh": oh.reproduce}
+    return experiments[paper](default_rng(seed), quick=quick, progress=moved)
 
 
 def draw(result: Reproduction, folder: Path) -> list[Path]:

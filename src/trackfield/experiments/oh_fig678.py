@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.experiments.wang_contest import Interval
-from trackfield.experiments.wang_tables import Table
+from trackfield.experiments.results import Interval, Table
 from trackfield.localization.detection_cells import (
     DetectionCells,
     cluster_reports,

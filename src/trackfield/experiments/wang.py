@@ -14,6 +14,7 @@ import numpy as np
 from trackfield.experiments import wang_roads as roads
 from trackfield.experiments import wang_tables as tables
 from trackfield.experiments import wang_testbed as testbed
+from trackfield.experiments.results import Table
 from trackfield.experiments.wang_roads import (
     ADDITIVE,
     EKF,
@@ -25,7 +26,7 @@ from trackfield.experiments.wang_roads import (
     Outcome,
     Part,
 )
-from trackfield.experiments.wang_tables import ROADS, Scores, Table
+from trackfield.experiments.wang_tables import ROADS, Scores
 from trackfield.simulation.roads import Nlos
 
 if TYPE_CHECKING:

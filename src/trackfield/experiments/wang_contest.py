@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackfield.experiments.results import Interval
 from trackfield.filtering import converted, extended, kalman, pcrb
 from trackfield.filtering.converted import Mode
 from trackfield.filtering.extended import Ranges, Weigh
@@ -46,14 +47,6 @@ class Followed(NamedTuple):
     position: Matrix
     nees: Matrix
     prelocalized: Matrix | None = None
-
-
-class Interval(NamedTuple):
-    """A measured value and its 95 % bootstrap interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 class Seen(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.experiments import wang_contest as contest
-from trackfield.experiments.wang_contest import Interval
+from trackfield.experiments.results import Interval, Row, Table
 from trackfield.experiments.wang_roads import (
     ADDITIVE,
     EKF,
@@ -54,15 +54,6 @@ class Score(NamedTuple):
 
 
 Scores = Mapping[str, Mapping[str, Score]]
-Row = tuple[str, ...]
-
-
-class Table(NamedTuple):
-    """A table as it is shown."""
-
-    title: str
-    columns: Row
-    rows: tuple[Row, ...]
 
 
 def score(outcomes: Mapping[str, Outcome], rng: np.random.Generator) -> dict[str, dict[str, Score]]:
