@@ -42,8 +42,8 @@ class Size(NamedTuple):
     walks: int  # runs of each number of walkers
 
 
-FULL = Size(6000, 500, 10, 6, 1, 100, 40)
-QUICK = Size(200, 20, 1, 1, 4, 40, 1)
+FULL = Size(6000, 500, 10, 4, 1, 100, 20)
+QUICK = Size(100, 10, 1, 1, 4, 30, 1)
 _FIRST_WORLD, _FIRST_WALK = 20, 7000  # seeds
 
 

@@ -7,6 +7,7 @@ travel; a run is tracked online, each step with what has arrived by then.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -129,7 +130,7 @@ def field(fusion: Fusion, seed: int, *, misplaced_m: float = 0.0, steps: int = 1
 
 def run(tracker: Tracker, made: Field, conditions: Conditions, *, lag_steps: int = 0) -> Outcome:
     """Send a field's reports over the network and track what arrives, online and with a lag."""
-    world = make_world(scenario(made.fusion, conditions, steps=made.steps), seed=made.seed)
+    world = _world(conditions, made.steps, made.seed)
     heard, passed = carry_reports(world, made.reports, stream(made.seed, "network"))
     site = told(world, tracker)
     tracks = track(site, tracker, heard)
@@ -143,6 +144,12 @@ def run(tracker: Tracker, made: Field, conditions: Conditions, *, lag_steps: int
         heard,
         world.truth,
     )
+
+
+@functools.lru_cache(maxsize=32)
+def _world(conditions: Conditions, steps: int, seed: int) -> World:
+    """Lay a world's network out once for all trackers; how signals are fused does not matter."""
+    return make_world(scenario("fit", conditions, steps=steps), seed=seed)
 
 
 def told(world: World, tracker: Tracker) -> Site:

@@ -16,6 +16,7 @@ from trackfield.types import Indices, Matrix
 
 _TAIL = 1e-3  # of the messages that arrive at all: what is later than the last age
 _MOST_AGES = 64
+_MOST_CELLS = 10_000  # of a map, where no cell is told: hops change over many sensors
 
 
 def detection_by_age(
@@ -63,10 +64,12 @@ def detection_maps(
     """Map `detection_by_age` over `region`, one map an age: what association is handed.
 
     A target is reported by the node that is nearest to it. Cells are `cell_m` wide, if not given
-    about half of what a sensor has for itself; the last map holds from its age on.
+    about half of what a sensor has for itself, but 10,000 cells are enough; the last map holds from
+    its age on.
     """
     if cell_m is None:
-        cell_m = 0.5 * math.sqrt(region.area / max(int(network.alive.sum()), 1))
+        living = max(int(network.alive.sum()), 1)
+        cell_m = math.sqrt(region.area / min(4 * living, _MOST_CELLS))
     places, shape = cell_centres(region, cell_m)
     node = leaders_at(network, places)
     elapsed_s = step_s * np.arange(ages_that_matter(network, step_s=step_s))[:, None]
