@@ -149,6 +149,35 @@ def test_a_picture_is_drawn_of_unknown_targets(call, run):
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.parametrize("name", ["run.html", "run.gif"])
+def test_an_animation_is_made_of_unknown_targets(call, run, name):
+    output, film = run / "tracks.csv", run / name
+    args = ("track", run / "site.toml", run / "reports.csv", "-o", output)
+    done = call(*args, "--every", "3", "--animate", film)
+    assert (done.code, done.err) == (0, "")
+    assert f"{film}: drawn" in done.out
+    assert film.stat().st_size > 5000
+    wrong = call(*args, "--animate", run / "run.mp4")
+    assert wrong.code == 2
+    assert "expected .html or .gif" in wrong.err
+
+
+def test_groups_track_their_own_regions_if_the_site_says_so(call, run):
+    output, place = run / "tracks.csv", run / "grouped.toml"
+    groups = "".join(
+        f"[[groups]]\nid = '{name}'\nx_m = {x}\ny_m = 20\n" for name, x in (("w", 10), ("e", 30))
+    )
+    place.write_text(OPEN + "sigma_m = 0.3\n[tracker]\nby_group = true\n" + groups)
+    found = call("track", place, run / "reports.csv", "-o", output, "--json").json
+    assert found["by_group"]
+    assert found["handed_over"] > 0
+    assert len({row["track_id"] for row in rows_of(output) if row["status"] == "confirmed"}) >= 4
+    place.write_text(OPEN + "[tracker]\nby_group = true\n")
+    wrong = call("track", place, run / "reports.csv", "-o", output)
+    assert wrong.code == 2
+    assert "tracker.by_group = true and 0 of them, expected two or more" in wrong.err
+
+
 def test_what_is_dropped_is_told(call, run):
     far = [(500.0, 1.0, 1.0)]
     late = [(3.0, 2.0, 2.0)]

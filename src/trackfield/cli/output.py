@@ -113,13 +113,29 @@ def progress(what: str) -> Generator[Callable[[float], None]]:
         yield lambda share: bar.update(task, completed=share)
 
 
+def check_animation(path: Path) -> None:
+    """Refuse, before the work, an animation that could not be written after it."""
+    with _drawing(path):
+        from trackfield.plotting.animation import animation_kind
+
+        animation_kind(path)
+
+
 def check_figure(path: Path) -> None:
     """Refuse, before the work, a figure that could not be written after it."""
-    try:
+    with _drawing(path):
         from trackfield.plotting.style import kind_of
+
+        kind_of(path)
+
+
+@contextmanager
+def _drawing(path: Path) -> Generator[None]:
+    """Say what to install where Matplotlib is missing."""
+    try:
+        yield
     except ModuleNotFoundError as error:
         if error.name != "matplotlib":
             raise
         problem = f"{path}: drawing needs Matplotlib; install trackfield[plot]"
         raise ConfigurationError([problem]) from None
-    kind_of(path)

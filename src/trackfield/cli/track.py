@@ -9,6 +9,7 @@ import typer
 
 from trackfield.cli.output import (
     Json,
+    check_animation,
     check_figure,
     check_output,
     emit,
@@ -22,8 +23,9 @@ from trackfield.errors import ConfigurationError
 if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.pipeline.untagged import Feed
+    from trackfield.types import Tracks, Truth
 
-_NO_PLOT = "--truth: found no --plot, expected a picture to draw it into"
+_NO_PLOT = "--truth: found no --plot or --animate, expected something to draw it into"
 
 
 def track(
@@ -53,7 +55,10 @@ def track(
         Path | None, typer.Option(metavar="PNG", help="Draw the tracks into this file.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(metavar="TRUTH", help="Draw this truth and the errors too.")
+        Path | None, typer.Option(metavar="TRUTH", help="Draw or play this truth too.")
+    ] = None,
+    animate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Play the tracks: .html or .gif.")
     ] = None,
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of methods in which there is chance.")
@@ -67,15 +72,18 @@ def track(
     from trackfield.network.site_file import load_site
 
     loaded = load_site(site)
-    if truth is not None and plot is None:
+    if truth is not None and plot is None and animate is None:
         raise ConfigurationError([_NO_PLOT])
     inputs = (site, data, truth, loaded.sensors_file)
     check_output(output, inputs)
     if plot is not None:
         check_figure(plot)
         check_output(plot, inputs)
+    if animate is not None:
+        check_animation(animate)
+        check_output(animate, inputs)
     known = read_truth(truth) if truth is not None else None
-    wanted = Wanted(parse_lag(lag), every, keep=plot is not None)
+    wanted = Wanted(parse_lag(lag), every, keep=plot is not None or animate is not None)
     feed = feed_of_file(loaded, data, seed)
     with progress("tracking") as moved:
         if feed is None:
@@ -89,6 +97,9 @@ def track(
         draw = tagged.draw if feed is None else unknown.draw
         draw(loaded, run.kept, known, plot)
         result["plot"] = str(plot)
+    if animate is not None:
+        play(loaded, run.kept, known, animate)
+        result["animation"] = str(animate)
     if as_json:
         emit(result)
         return
@@ -97,6 +108,19 @@ def track(
         say(line)
     if plot is not None:
         say(f"{plot}: drawn")
+    if animate is not None:
+        say(f"{animate}: drawn")
+
+
+def play(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:
+    """Write the tracks as an animation, with truth if it is known."""
+    from trackfield.plotting.animation import save_animation
+    from trackfield.plotting.many import Scenery
+    from trackfield.types import concatenate_tracks
+
+    sensors = site.positions[:, :2] if site.sensor_ids else None
+    scenery = Scenery(site.reports.region, sensors, truth=truth)
+    save_animation(concatenate_tracks(chunks), path, scenery=scenery, title=site.name)
 
 
 def feed_of_file(site: Site, data: Path, seed: int) -> Feed | None:

@@ -117,6 +117,8 @@ def run_tracker(
         "shown": visible,
         "source": feed.source,
         "method": site.tracker.method,
+        "by_group": site.tracker.by_group,
+        "handed_over": tracker.method_counts.get("handed_over", 0),
         "first_s": min(times),
         "last_s": max(times),
         "region": None if site.reports.region is None else list(site.reports.region),
@@ -142,11 +144,14 @@ def _rows(count: int) -> str:
 
 
 def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:
-    """Draw where tracks went, with truth if it is known."""
+    """Draw where tracks went, and whom they followed if truth is known."""
+    from trackfield.metrics.many import followed
     from trackfield.plotting.many import Scenery, plot_many
     from trackfield.plotting.style import save
     from trackfield.types import concatenate_tracks
 
+    tracks = concatenate_tracks(chunks)
     sensors = site.positions[:, :2] if site.sensor_ids else None
-    scenery = Scenery(region=site.reports.region, sensors=sensors, truth=truth)
-    save(plot_many(concatenate_tracks(chunks), scenery, title=site.name), path)
+    whose = followed(truth, tracks) if truth is not None else None
+    scenery = Scenery(site.reports.region, sensors, truth=truth, followed=whose)
+    save(plot_many(tracks, scenery, title=site.name), path)

@@ -60,7 +60,8 @@ class Target:
 class TrackerSettings:
     """How the tracker treats time and silence.
 
-    `method` and `window_steps` are for targets without identities, the others for tagged ones.
+    `method`, `window_steps` and `by_group` are for targets without identities, the others for
+    tagged ones.
     """
 
     window_s: float = 1.0  # how late a reading may come and still count
@@ -68,6 +69,7 @@ class TrackerSettings:
     self_calibration: bool = True
     method: MethodName = "bernoulli"  # how reports are given to targets
     window_steps: int = 10  # how late a report may come and still count
+    by_group: bool = False  # each group tracks its own region, and a base unites the tracks
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from trackfield.association.bernoulli import Bernoulli
 from trackfield.association.bernoulli_settings import BernoulliSettings
 from trackfield.association.contract import AnyAssociator
@@ -12,6 +14,8 @@ from trackfield.association.model import Scene
 from trackfield.association.nearest import Nearest
 from trackfield.association.nearest_step import NearestSettings
 from trackfield.association.sampling import Sampling
+from trackfield.errors import ConfigurationError
+from trackfield.hierarchy.field import tracked_field
 from trackfield.network.site import Site, Target
 from trackfield.pipeline.fronts import DetectionFront, Front, ReportFront, SignalFront, Source
 
@@ -30,7 +34,21 @@ def front_of(site: Site, scene: Scene, *, source: Source) -> Front:
 
 
 def associator_of(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
-    """Make the tracker of reports that the site's `tracker.method` names."""
+    """Make the tracker of reports that the site names: one, or one a group and their base.
+
+    `ConfigurationError` for groups that are not there.
+    """
+    if not site.tracker.by_group:
+        return _one(site, scene, seed=seed)
+    if len(site.groups) < 2:
+        found = f"found tracker.by_group = true and {len(site.groups)} of them"
+        raise ConfigurationError([f"site {site.name}: groups: {found}, expected two or more"])
+    centres = np.array([[group.x_m, group.y_m] for group in site.groups])
+    return tracked_field(scene, centres, tracker=lambda part: _one(site, part, seed=seed))
+
+
+def _one(site: Site, scene: Scene, *, seed: int) -> AnyAssociator:
+    """Make one tracker by the site's `tracker.method`."""
     window = site.tracker.window_steps
     match site.tracker.method:
         case "bernoulli":
