@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from trackfield.sensing.signal import SignalModel
     from trackfield.types import Readings, Reports, Status, Tracks, Truth
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _ROOMS = {
     "api": ("calibrate", "score", "track"),
