@@ -10,17 +10,28 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import stonesoup_trackers
-from report_scenario import SCENE, Run, draw, judge, tracks_of
+from report_scenario import (
+    LAST_BIRTH,
+    SCENE,
+    UNKNOWN,
+    Run,
+    draw,
+    judge,
+    tracks_of,
+    true_priors,
+)
 
 from trackfield.association.bernoulli import Bernoulli
 from trackfield.association.bernoulli_settings import BernoulliSettings
 from trackfield.association.contract import AnyAssociator, ReportScan
 from trackfield.association.mcmcda import Mcmcda
+from trackfield.association.model import Scene
 from trackfield.association.nearest import Nearest
 from trackfield.association.nearest_step import NearestSettings
 from trackfield.association.sampling import Sampling
@@ -46,6 +57,9 @@ def trackers() -> dict[str, Callable[[], Step]]:
     """Name all trackers, ours first."""
     return {
         "bernoulli": lambda: steps_of(Bernoulli(SCENE)),
+        "  all learned": lambda: steps_of(Bernoulli(UNKNOWN)),
+        "  true priors": told_all,
+        "  propagation": lambda: steps_of(Bernoulli(SCENE, BernoulliSettings(cluster_work=0))),
         "jipda": lambda: steps_of(Bernoulli(SCENE, BernoulliSettings(recent_scans=0))),
         "mcmcda 1000": lambda: steps_of(Mcmcda(SCENE, Sampling(moves=1000))),
         "mcmcda 5000": lambda: steps_of(Mcmcda(SCENE, Sampling(moves=5000))),
@@ -56,16 +70,24 @@ def trackers() -> dict[str, Callable[[], Step]]:
     }
 
 
-def steps_of(tracker: AnyAssociator) -> Step:
-    """Make a function that takes the next scan and tells what is shown."""
+def steps_of(tracker: AnyAssociator, late: AnyAssociator | None = None) -> Step:
+    """Make a function that takes the next scan and tells what is shown; `late` ends the run."""
     held = {"state": tracker.initial()}
 
     def step(scan: ReportScan) -> Matrix:
-        held["state"], _ = tracker.step(held["state"], scan)
-        found = tracker.estimates(held["state"])
+        now = tracker if late is None or scan.t_s < LAST_BIRTH else late
+        held["state"], _ = now.step(held["state"], scan)
+        found = now.estimates(held["state"])
         return np.column_stack([found.track, found.mean[:, :2]])[found.shown]
 
     return step
+
+
+def told_all() -> Step:
+    """Make the mixture that knows the true priors; and, in time, that nobody comes any more."""
+    told = true_priors()
+    closed = Scene(told.reporting, replace(told.targets, births_per_s=0.0))
+    return steps_of(Bernoulli(told), Bernoulli(closed))
 
 
 def compare(makers: dict[str, Callable[[], Step]], runs: list[Run]) -> dict[str, Result]:

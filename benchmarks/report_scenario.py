@@ -16,17 +16,40 @@ from trackfield.association.contract import AnyAssociator, ReportScan
 from trackfield.association.model import Reporting, Scene, Targets
 from trackfield.metrics.many import ManyScore, Measure, score_steps
 from trackfield.metrics.steps import side_by_side
-from trackfield.raster import Region
+from trackfield.raster import Raster, Region
 from trackfield.types import Matrix, Status, Tracks, Truth
 
 STEPS, SIDE_M, TARGETS = 100, 100.0, 12
 ACCEL_SIGMA, SIGMA_M, P_DETECTION, FALSE_PER_SCAN = 0.15, 0.4, 0.73, 6.0
 MATCH_M = 3.0
-SCENE = Scene(
-    Reporting(Region(0.0, 0.0, SIDE_M, SIDE_M), 1.0, SIGMA_M, (P_DETECTION,), FALSE_PER_SCAN),
-    Targets(ACCEL_SIGMA, velocity_sigma_m_s=1.0, lifetime_s=50.0),
-)
-"""What trackers are told: ordinary priors, region, rates and noise."""
+REGION = Region(0.0, 0.0, SIDE_M, SIDE_M)
+LAST_BIRTH = 60  # the step from which on nobody comes
+
+
+def scene(*, targets: int = TARGETS, false_per_scan: float = FALSE_PER_SCAN) -> Scene:
+    """Tell trackers the region, rates and noise; of targets what anybody would guess."""
+    reporting = Reporting(REGION, 1.0, SIGMA_M, (P_DETECTION,), false_per_scan)
+    return Scene(reporting, Targets(ACCEL_SIGMA, births_per_s=0.1 * targets / TARGETS))
+
+
+def true_priors() -> Scene:
+    """Know too how long targets stay, and how often and where they appear until `LAST_BIRTH`."""
+    stay = [0.0] * 29 + [1 / (40 - k) for k in range(39)] + [0.5]
+    box = np.zeros((10, 10))
+    box[1:9, 1:9] = 1.0
+    targets = Targets(
+        ACCEL_SIGMA,
+        hazard=tuple(stay),
+        births_per_s=0.15,
+        initial_count=3.0,
+        birth_map=Raster(REGION, box),
+    )
+    return Scene(scene().reporting, targets)
+
+
+SCENE = scene()
+UNKNOWN = Scene(Reporting(REGION), Targets(ACCEL_SIGMA))
+"""Noise, detection and false reports are learned."""
 
 
 class Run(NamedTuple):

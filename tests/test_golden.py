@@ -13,6 +13,25 @@ from golden import KINDS, evaluate, load
 FOLDER = ROOT / "tests" / "golden_data"
 CASES = [case for path in sorted(FOLDER.glob("*.json")) for case in load(path)]
 OURS = [case for case in CASES if case["kind"] in KINDS]
+TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, robots
+    "oh.json": {"bottleneck", "min_time_axis", "robust_minmax", "time_to_capture"},
+    "wang_pham.json": {
+        "activation_region",
+        "car_motion",
+        "master_choice",
+        "network_energy",
+        "power_cost",
+        "rank_sum_selection",
+        "robot_step",
+        "select_2d",
+        "select_3d",
+        "three_sensor_trace_2d",
+        "three_sensor_trace_3d",
+        "two_circle_condition",
+        "two_sensor_covariance",
+        "two_sensor_uncertainty",
+    },
+}
 
 
 @pytest.mark.parametrize("case", OURS, ids=[case["id"] for case in OURS])
@@ -23,6 +42,11 @@ def test_case(case):
 
 def test_every_kind_that_we_answer_has_a_case():
     assert {case["kind"] for case in OURS} == set(KINDS)
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.json")), ids=lambda path: path.name)
+def test_all_other_kinds_are_of_rooms_to_come(path):
+    assert {case["kind"] for case in load(path)} - set(KINDS) == TO_COME[path.name]
 
 
 def test_the_copies_are_the_shared_files(shared):
