@@ -16,7 +16,7 @@ from trackfield.filtering.extended import Ranges
 from trackfield.filtering.smoothing import Lag, Passed
 from trackfield.sensing import range as ranging
 from trackfield.sensing.range import RangeModel
-from trackfield.types import Gaussian, concatenate_tracks
+from trackfield.types import Gaussian, join_rows
 
 NOISE = RangeModel(sigma_m=0.1, sigma_scale=0.01)
 ONCE = {"robust": 0, "iterations": 1, "velocity_time": 10.0}
@@ -90,7 +90,7 @@ def test_one_gaussian_mode_is_the_ekf(dimensions):
     )
     (_, first), *rest = scans(steady(site))
     tracker, _, belief = started(site, first, **ONCE)
-    rows = concatenate_tracks(
+    rows = join_rows(
         [tracker.process(table(site, [z for _, s in rest for z in s])), tracker.finish()]
     )
     sensor = Ranges(site.positions[:, :dimensions], ranging.columns(site.models))
@@ -141,7 +141,7 @@ def test_modes_that_go_straight_are_the_imm():
     ]
     (_, first), *rest = scans(steady(site, noise=0.2))
     tracker, _, belief = started(site, first, modes=modes, **ONCE)
-    rows = concatenate_tracks(
+    rows = join_rows(
         [tracker.process(table(site, [z for _, s in rest for z in s])), tracker.finish()]
     )
     # The kernel lets go of a mode at its rate and draws the next from all of them.
@@ -172,7 +172,7 @@ def test_rows_with_a_lag_are_the_smoother_s():
     (_, first), *rest = scans(steady(site))
     tracker, begun, belief = started(site, first, lag_steps=3, **ONCE)
     later = tracker.process(table(site, [z for _, s in rest for z in s]))
-    rows = concatenate_tracks([begun, later])
+    rows = join_rows([begun, later])
     sensor, motion = Ranges(site.positions[:, :2], site.models[0]), Decaying(0.5)
     lag, k = Lag(), 0
     for _, scan in rest[:-1]:  # the last scan is still open

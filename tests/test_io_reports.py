@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 from trackfield.errors import InputError
 from trackfield.io import lines
 from trackfield.io.reports import (
-    join_reports,
     read_reports,
     reports_from_columns,
     stream_reports,
     write_reports,
 )
-from trackfield.types import Reports
+from trackfield.types import Reports, join_rows
 
 HEADER = "t_s,arrival_s,x_m,y_m,z_m,sigma_m,confidence"
 NAMES = HEADER.split(",")
@@ -102,7 +101,7 @@ def test_chunks_say_what_the_whole_says(tmp_path, monkeypatch, block):
     told: list[float] = []
     chunks = list(stream_reports(path, progress=told.append))
     assert len(chunks) > 3
-    assert as_rows(join_reports(chunks)) == listed
+    assert as_rows(join_rows(chunks)) == listed
     assert told == sorted(told)
     assert told[-1] == pytest.approx(1.0)
 

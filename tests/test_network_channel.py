@@ -24,10 +24,10 @@ from trackfield.network.detection_by_age import (
     detection_maps,
     leaders_at,
 )
-from trackfield.network.passage import in_order, joined, pass_readings, pass_reports, rows
+from trackfield.network.passage import in_order, pass_readings, pass_reports
 from trackfield.network.topology import lay_out
 from trackfield.raster import Raster, Region
-from trackfield.types import Readings, Reports
+from trackfield.types import Readings, Reports, join_rows, select_rows
 
 REGION = Region(0.0, 0.0, 10.0, 10.0)
 LINE = np.column_stack([np.arange(10) + 0.5, np.full(10, 5.0)])
@@ -200,10 +200,10 @@ def test_garbled_reports_are_anywhere_in_the_region():
 
 def test_rows_and_joins_keep_names_and_order():
     table = readings([0.0, 1.0, 2.0], [1, 2, 3], [1, 1, 1])
-    both = joined([rows(table, slice(1)), rows(table, np.array([2, 1]))])
+    both = join_rows([select_rows(table, slice(1)), select_rows(table, np.array([2, 1]))])
     assert both.t_s.tolist() == [0.0, 2.0, 1.0]
     assert both.sensor_ids == table.sensor_ids
-    late = rows(both, slice(None))
+    late = select_rows(both, slice(None))
     late.arrival_s[:] = [5.0, math.inf, 4.0]
     assert in_order(late).t_s.tolist() == [1.0, 0.0]
 

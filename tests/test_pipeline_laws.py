@@ -13,7 +13,7 @@ from range_snapshot import opened
 from range_twin import told
 from trackfield.pipeline.tagged import Tracker, track
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
-from trackfield.types import Tracks, concatenate_tracks
+from trackfield.types import Tracks, join_rows
 
 NUMBERS = ("t_s", "position", "velocity", "covariance", "status", "nis")
 COLUMNS = (*NUMBERS, "track", "target")
@@ -48,7 +48,7 @@ def tracked(site, rows, *, cuts=(), **asked) -> Tracks:
     tracker = Tracker(site, **asked)
     edges = [0, *sorted(cuts), len(rows)]
     parts = [tracker.process(table(site, rows[a:b])) for a, b in pairwise(edges)]
-    return concatenate_tracks([*parts, tracker.finish()])
+    return join_rows([*parts, tracker.finish()])
 
 
 def same(a: Tracks, b: Tracks, columns=COLUMNS):
@@ -125,7 +125,7 @@ def test_late_readings_lead_to_the_state_of_punctual_ones(seed, name, lateness):
     shown = late.process(table(site, rows))
     # Readings of one time count in the order in which they came.
     punctual.process(table(site, sorted(rows, key=lambda z: z.t)))
-    shown = concatenate_tracks([shown, late.finish()])
+    shown = join_rows([shown, late.finish()])
     rest = punctual.finish()
     a, b = (opened(t._bank.snapshot()).targets[0].belief for t in (late, punctual))
     assert (a.alive, a.t, a.step, a.slots, a.surprises) == (
@@ -238,7 +238,7 @@ def test_readings_that_arrived_otherwise_are_taken_as_they_arrived():
     order = np.argsort(arrival, kind="stable")
     asked = replace(table(SIMPLE, rows), arrival_s=arrival)
     tracker = Tracker(SIMPLE)
-    found = concatenate_tracks([tracker.process(asked), tracker.finish()])
+    found = join_rows([tracker.process(asked), tracker.finish()])
     same(found, tracked(SIMPLE, [rows[i] for i in order]))
 
 
@@ -271,5 +271,5 @@ def test_a_run_in_which_settings_are_told_is_the_usual_one():
     """The tests' way to change the kernel's settings changes nothing by itself."""
     rows = scene(np.random.default_rng(9), LEARNS)
     tracker, _, _ = told(LEARNS)
-    found = concatenate_tracks([tracker.process(table(LEARNS, rows)), tracker.finish()])
+    found = join_rows([tracker.process(table(LEARNS, rows)), tracker.finish()])
     same(found, tracked(LEARNS, rows))

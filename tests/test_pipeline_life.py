@@ -12,7 +12,7 @@ from range_snapshot import opened
 from range_twin import told
 from trackfield.pipeline.tagged import Tracker
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
-from trackfield.types import Status, concatenate_tracks
+from trackfield.types import Status, join_rows
 
 SITE = box(RangeModel(sigma_m=0.1), drop_s=20.0)
 LEARNS = box(UNCALIBRATED, heights=(0.0, 3.0, 2.0))
@@ -65,7 +65,7 @@ def one_by_one(sensors, *, pause=0.25):
 def test_a_track_starts_from_six_readings_of_four_sensors(sensors, started):
     rows = one_by_one(sensors)
     tracker = Tracker(SITE)
-    shown = concatenate_tracks([tracker.process(table(SITE, rows)), tracker.finish()])
+    shown = join_rows([tracker.process(table(SITE, rows)), tracker.finish()])
     if started is None:
         assert len(shown) == tracker.counts["started"] == 0
     else:
@@ -84,7 +84,7 @@ def test_who_has_waited_starts_from_three_sensors():
 def test_old_readings_do_not_start_a_track():
     rows = one_by_one([0, 2, 4, 6, 1, 3, 5, 7] * 3, pause=1.5)
     tracker = Tracker(SITE)
-    shown = concatenate_tracks([tracker.process(table(SITE, rows)), tracker.finish()])
+    shown = join_rows([tracker.process(table(SITE, rows)), tracker.finish()])
     assert len(shown) == 0
 
 
@@ -112,7 +112,7 @@ def test_a_track_that_lost_its_target_is_started_again():
     """The target is carried elsewhere: its track gets a new place, and keeps its number."""
     rows = target(steps=60) + target(108.0, steps=80, phase=3.0)
     tracker = Tracker(SITE)
-    shown = concatenate_tracks([tracker.process(table(SITE, rows)), tracker.finish()])
+    shown = join_rows([tracker.process(table(SITE, rows)), tracker.finish()])
     before = shown.t_s < 108.0
     truth = np.where(before[:, None], path(shown.t_s), path(shown.t_s, phase=3.0))
     error = np.linalg.norm((shown.position - truth)[:, :2], axis=1)
@@ -224,7 +224,7 @@ def test_a_lag_makes_tracks_better():
             tracker = Tracker(SITE, lag_steps=lag)
             shown = tracker.process(table(SITE, target(steps=100, seed=seed)))
             found.append(shown)
-        shown = concatenate_tracks(found)
+        shown = join_rows(found)
         keep = shown.t_s > 103.0
         off = np.linalg.norm((shown.position - path(shown.t_s))[keep, :2], axis=1)
         error.append(np.sqrt(np.mean(off**2)))
@@ -310,7 +310,7 @@ def test_a_track_ends_when_it_was_silent_for_long(asked):
     assert len(tracker.process(NOTHING, watermark_s=last + 500.0)) == 0
     # The target comes back: the same name, another track.
     rows = target(300.0)
-    again = concatenate_tracks([tracker.process(table(SITE, rows)), tracker.finish()])
+    again = join_rows([tracker.process(table(SITE, rows)), tracker.finish()])
     assert set(heard.track) == {1}
     assert set(again.track) == {2}
     assert again.status[0] == Status.TENTATIVE
@@ -322,7 +322,7 @@ def test_a_track_ends_when_its_target_returns_too_late(asked):
     """Without a watermark, only the next reading tells how long it was silent."""
     rows = [z._replace(target="x") for z in target() + target(300.0)]
     tracker = Tracker(SITE, **asked)
-    shown = concatenate_tracks([tracker.process(table(SITE, rows)), tracker.finish()])
+    shown = join_rows([tracker.process(table(SITE, rows)), tracker.finish()])
     (end,) = np.flatnonzero(shown.status == Status.ENDED)
     assert shown.t_s[end] == pytest.approx(100.0 + 39 * 0.125 + 20.0)
     assert set(shown.track[: end + 1]) == {1}
@@ -506,7 +506,7 @@ def test_nonsense_gives_sound_rows(seed, reach, name, asked):
     ]
     tracker = Tracker(site, **asked)
     rows = near + [z._replace(t=z.t + near[-1].t - 100.0) for z in nonsense]
-    shown = concatenate_tracks([tracker.process(table(site, rows)), tracker.finish()])
+    shown = join_rows([tracker.process(table(site, rows)), tracker.finish()])
     D = site.target.dimensions
     assert np.isfinite(shown.position[:, :D]).all()
     assert np.isfinite(shown.velocity[:, :D]).all()

@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from plain_associator import PlainAssociator
-from trackfield.io.reports import join_reports
 from trackfield.network.site import ReportSettings, Site, TrackerSettings
 from trackfield.pipeline.untagged import Feed, UntaggedTracker
 from trackfield.raster import Region
-from trackfield.types import Reports, concatenate_tracks, select_rows
+from trackfield.types import Reports, join_rows, select_rows
 
 REGION = Region(0.0, 0.0, 60.0, 40.0)
 
@@ -63,7 +62,7 @@ def operator(place=None, *, window=6, associator=None, **options) -> UntaggedTra
 
 def run(tracker, *tables):
     parts = [tracker.process(one) for one in tables]
-    return concatenate_tracks([*parts, tracker.finish()])
+    return join_rows([*parts, tracker.finish()])
 
 
 def pieces(reports: Reports, cuts) -> list[Reports]:
@@ -73,7 +72,7 @@ def pieces(reports: Reports, cuts) -> list[Reports]:
 
 
 def joined(*tables: Reports) -> Reports:
-    return join_reports(tables)
+    return join_rows(tables)
 
 
 def assert_same_rows(left, right):

@@ -286,8 +286,8 @@ class Tracks:
 Table = TypeVar("Table", Readings, Reports, Truth, Tracks)
 
 
-def select_rows(table: Table, rows: NDArray[Any]) -> Table:
-    """Rows of a table by a mask (n,) or by numbers, in that order; the names stay all there."""
+def select_rows(table: Table, rows: NDArray[Any] | slice) -> Table:
+    """Rows of a table by a mask (n,), numbers or a slice, in that order; all names stay."""
     columns = {
         field.name: getattr(table, field.name)[rows]
         for field in fields(table)
@@ -296,22 +296,21 @@ def select_rows(table: Table, rows: NDArray[Any]) -> Table:
     return replace(table, **columns)
 
 
-def concatenate_tracks(parts: Sequence[Tracks]) -> Tracks:
-    """Join rows of one run in the order of `parts`; the last part knows all target names."""
-    filled = [part for part in parts if len(part)]
-    if len(filled) == 1:
-        return replace(filled[0], target_ids=parts[-1].target_ids)
-    return Tracks(
-        t_s=np.concatenate([part.t_s for part in parts]),
-        track=np.concatenate([part.track for part in parts]),
-        position=np.concatenate([part.position for part in parts]),
-        velocity=np.concatenate([part.velocity for part in parts]),
-        covariance=np.concatenate([part.covariance for part in parts]),
-        status=np.concatenate([part.status for part in parts]),
-        target=np.concatenate([part.target for part in parts]),
-        nis=np.concatenate([part.nis for part in parts]),
-        target_ids=parts[-1].target_ids,
-    )
+def join_rows(parts: Sequence[Table]) -> Table:
+    """Join rows of one run in the order of `parts`, at least one; the last knows all names."""
+    last = parts[-1]
+    filled = [part for part in parts if len(part)] or [last]
+    columns = {
+        field.name: np.concatenate([getattr(part, field.name) for part in filled])
+        for field in fields(last)
+        if len(filled) > 1 and isinstance(getattr(last, field.name), np.ndarray)
+    }
+    names = {
+        field.name: getattr(last, field.name)
+        for field in fields(last)
+        if isinstance(getattr(last, field.name), tuple)
+    }
+    return replace(filled[0], **columns, **names)
 
 
 def _arrow_array(arrow: ModuleType, column: NDArray[Any] | Names) -> object:

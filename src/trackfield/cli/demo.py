@@ -109,12 +109,12 @@ def prepare_cases(output: Path) -> list[Case]:
 def run(case: Case, data: Path, truth: Truth) -> Outcome:
     """Track one case into its file, and score it."""
     from trackfield.metrics.score import score
-    from trackfield.types import concatenate_tracks
+    from trackfield.types import join_rows
 
     quiet: Callable[[float], None] = lambda _: None  # noqa: E731  one bar is for all
     wanted = Wanted(case.lag, keep=True)
     chunks = run_tracker(case.site, data, case.tracks, wanted=wanted, moved=quiet).kept
-    return Outcome(case, chunks, score(truth, concatenate_tracks(chunks)))
+    return Outcome(case, chunks, score(truth, join_rows(chunks)))
 
 
 def next_commands(output: Path) -> list[str]:

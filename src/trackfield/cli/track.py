@@ -116,11 +116,11 @@ def play(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> N
     """Write the tracks as an animation, with truth if it is known."""
     from trackfield.plotting.animation import save_animation
     from trackfield.plotting.many import Scenery
-    from trackfield.types import concatenate_tracks
+    from trackfield.types import join_rows
 
     sensors = site.positions[:, :2] if site.sensor_ids else None
     scenery = Scenery(site.reports.region, sensors, truth=truth)
-    save_animation(concatenate_tracks(chunks), path, scenery=scenery, title=site.name)
+    save_animation(join_rows(chunks), path, scenery=scenery, title=site.name)
 
 
 def feed_of_file(site: Site, data: Path, seed: int) -> Feed | None:

@@ -123,9 +123,9 @@ def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> N
     from trackfield.metrics.error import match
     from trackfield.plotting.style import save
     from trackfield.plotting.tagged import Errors, plot_tracks
-    from trackfield.types import concatenate_tracks
+    from trackfield.types import join_rows
 
-    tracks = concatenate_tracks(chunks)
+    tracks = join_rows(chunks)
     matched = match(truth, tracks) if truth is not None else None
     errors = Errors(matched.row, matched.error) if matched is not None else None
     save(plot_tracks(site, tracks, truth=truth, errors=errors), path)

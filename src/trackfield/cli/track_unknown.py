@@ -148,9 +148,9 @@ def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> N
     from trackfield.metrics.many import followed
     from trackfield.plotting.many import Scenery, plot_many
     from trackfield.plotting.style import save
-    from trackfield.types import concatenate_tracks
+    from trackfield.types import join_rows
 
-    tracks = concatenate_tracks(chunks)
+    tracks = join_rows(chunks)
     sensors = site.positions[:, :2] if site.sensor_ids else None
     whose = followed(truth, tracks) if truth is not None else None
     scenery = Scenery(site.reports.region, sensors, truth=truth, followed=whose)

@@ -32,7 +32,7 @@ from trackfield.simulation.hearing import all_of, carry_reports, hear_reports
 from trackfield.simulation.scenario import Party, Scenario, Sensors
 from trackfield.simulation.told_site import site_of
 from trackfield.simulation.world import World, make_world, stream
-from trackfield.types import Matrix, Reports, Tracks, Truth, concatenate_tracks
+from trackfield.types import Matrix, Reports, Tracks, Truth, join_rows
 
 LEADERS = ((25.0, 25.0), (75.0, 25.0), (25.0, 75.0), (75.0, 75.0))
 CENTROID_SIGMA_M = 1.2  # per axis, what the paper's fusion really has (its Fig. 4 says .03)
@@ -176,7 +176,7 @@ def track(site: Site, tracker: Tracker, heard: Reports, *, lag_steps: int = 0) -
         else _alone(tracker, whole)
     )
     pipeline = UntaggedTracker(site, Feed(associator=associator), lag_steps=lag_steps)
-    return concatenate_tracks([pipeline.process(heard), pipeline.finish()])
+    return join_rows([pipeline.process(heard), pipeline.finish()])
 
 
 def false_reports(world: World, reports: Reports, *, within_m: float = 3.0) -> int:

@@ -35,7 +35,7 @@ from trackfield.simulation.hearing import all_of, hear_readings
 from trackfield.simulation.scenario import Party, Scenario, Sensors
 from trackfield.simulation.told_site import site_of
 from trackfield.simulation.world import World, make_world
-from trackfield.types import Readings, Reports, Tracks, Truth, concatenate_tracks
+from trackfield.types import Readings, Reports, Tracks, Truth, join_rows
 
 MODEL = DetectionModel(radius_m=7.62, p_detection=0.7, p_false=0.05)
 STEPS = 75
@@ -169,7 +169,7 @@ def _percent(share: Interval) -> str:
 def _track(way: Way, site: Site, cells: DetectionCells, readings: Readings, *, seed: int) -> Tracks:
     if way == "track-before-detect":
         pipeline = UntaggedTracker(site, Feed(source="detection", seed=seed))
-        return concatenate_tracks([pipeline.process(readings), pipeline.finish()])
+        return join_rows([pipeline.process(readings), pipeline.finish()])
     reports = _reports(way, cells, readings, np.random.default_rng(seed))
     own = replace(site.reports, p_detection=0.9, sigma_m=_REPORT_SIGMA_M, false_per_scan=1.0)
     told = replace(site, reports=own, network=None)
@@ -182,7 +182,7 @@ def _track(way: Way, site: Site, cells: DetectionCells, readings: Readings, *, s
     pipeline = UntaggedTracker(told, Feed(associator=associator))
     # Silence counts: the run goes on to its end without a report.
     parts = [pipeline.process(reports)] if len(reports) else []
-    return concatenate_tracks([*parts, pipeline.finish()])
+    return join_rows([*parts, pipeline.finish()])
 
 
 def _reports(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from trackfield.io.arrow import table_of_columns
 from trackfield.io.lines import Progress
 from trackfield.io.sources import read_tables
@@ -20,7 +18,7 @@ from trackfield.io.tables import (
 )
 from trackfield.io.writing import write_table
 from trackfield.network.kinds import KINDS
-from trackfield.types import Readings
+from trackfield.types import Readings, join_rows
 
 SCHEMA = Schema(("t_s", "sensor_id", "kind", "value"), ("sigma", "target_id", "arrival_s"))
 _SIGMA = Rule("a number above 0 or nothing", required=False, least=0.0, above=True)
@@ -60,7 +58,7 @@ def read_readings(
     progress: Progress | None = None,
 ) -> Readings:
     """Read a file of readings as a whole; else as `stream_readings`."""
-    return _joined(list(stream_readings(path, sensor_ids=sensor_ids, progress=progress)))
+    return join_rows(list(stream_readings(path, sensor_ids=sensor_ids, progress=progress)))
 
 
 def readings_from_columns(columns: object, *, sensor_ids: Sequence[str] | None = None) -> Readings:
@@ -112,23 +110,6 @@ def _readings(
         sensor_ids=tuple(sensors),
         target_ids=tuple(targets),
         kinds=tuple(KINDS),
-    )
-
-
-def _joined(chunks: Sequence[Readings]) -> Readings:
-    """Join chunks that share their tables of names."""
-    last = chunks[-1]
-    return Readings(
-        t_s=np.concatenate([chunk.t_s for chunk in chunks]),
-        sensor=np.concatenate([chunk.sensor for chunk in chunks]),
-        value=np.concatenate([chunk.value for chunk in chunks]),
-        target=np.concatenate([chunk.target for chunk in chunks]),
-        kind=np.concatenate([chunk.kind for chunk in chunks]),
-        sigma=np.concatenate([chunk.sigma for chunk in chunks]),
-        arrival_s=np.concatenate([chunk.arrival_s for chunk in chunks]),
-        sensor_ids=last.sensor_ids,
-        target_ids=last.target_ids,
-        kinds=last.kinds,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from trackfield.io.tables import (
     refuse_empty,
 )
 from trackfield.io.writing import write_table
-from trackfield.types import Reports
+from trackfield.types import Reports, join_rows
 
 SCHEMA = Schema(("t_s", "x_m", "y_m"), ("arrival_s", "z_m", "sigma_m", "confidence"))
 
@@ -46,7 +46,7 @@ def stream_reports(path: str | Path, *, progress: Progress | None = None) -> Ite
 
 def read_reports(path: str | Path, *, progress: Progress | None = None) -> Reports:
     """Read a file of reports as a whole; else as `stream_reports`."""
-    return join_reports(list(stream_reports(path, progress=progress)))
+    return join_rows(list(stream_reports(path, progress=progress)))
 
 
 def reports_from_columns(columns: object) -> Reports:
@@ -69,17 +69,6 @@ def write_reports(path: str | Path, reports: Reports) -> None:
     """
     columns = reports.columns()
     write_table(Path(path), {name: columns[name] for name in SCHEMA.columns})
-
-
-def join_reports(chunks: Sequence[Reports]) -> Reports:
-    """Join chunks of one run in their order."""
-    return Reports(
-        t_s=np.concatenate([chunk.t_s for chunk in chunks]),
-        arrival_s=np.concatenate([chunk.arrival_s for chunk in chunks]),
-        position=np.concatenate([chunk.position for chunk in chunks]),
-        covariance=np.concatenate([chunk.covariance for chunk in chunks]),
-        confidence=np.concatenate([chunk.confidence for chunk in chunks]),
-    )
 
 
 def _reports(table: Table) -> Reports:

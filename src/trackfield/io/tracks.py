@@ -24,7 +24,7 @@ from trackfield.io.track_sinks import (
 )
 from trackfield.io.writing import CSV, NDJSON
 from trackfield.network.site import Origin
-from trackfield.types import STATUS_WORDS, Indices, Tracks, concatenate_tracks
+from trackfield.types import STATUS_WORDS, Indices, Tracks, join_rows, select_rows
 
 _MOTION = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
 _COVARIANCE = ("cov_xx", "cov_xy", "cov_yy")
@@ -71,7 +71,7 @@ def write_tracks(path: str | Path, tracks: Tracks, *, origin: Origin | None = No
     """Write tracks as a whole; else as `open_tracks`."""
     with open_tracks(path, origin=origin) as append:
         for start in range(0, len(tracks), _CHUNK_ROWS):
-            append(_rows(tracks, slice(start, start + _CHUNK_ROWS)))
+            append(select_rows(tracks, slice(start, start + _CHUNK_ROWS)))
 
 
 def read_tracks(path: str | Path) -> Tracks:
@@ -89,7 +89,7 @@ def join_tracks(chunks: Iterable[Tracks]) -> Tracks:
     """Put tracks one after the other; targets of the same name become one."""
     targets: dict[str, int] = {}
     parts = [replace(chunk, target=_renumbered(chunk, targets)) for chunk in chunks]
-    return replace(concatenate_tracks(parts or [empty_tracks()]), target_ids=tuple(targets))
+    return replace(join_rows(parts or [empty_tracks()]), target_ids=tuple(targets))
 
 
 def _sink(
@@ -106,20 +106,6 @@ def _renumbered(chunk: Tracks, targets: dict[str, int]) -> Indices:
     """Targets of a chunk as places in `targets`, which grows."""
     places = [targets.setdefault(name, len(targets)) for name in chunk.target_ids]
     return np.array([*places, -1], np.int32)[chunk.target]  # -1 is the last one
-
-
-def _rows(tracks: Tracks, rows: slice) -> Tracks:
-    return Tracks(
-        t_s=tracks.t_s[rows],
-        track=tracks.track[rows],
-        position=tracks.position[rows],
-        velocity=tracks.velocity[rows],
-        covariance=tracks.covariance[rows],
-        status=tracks.status[rows],
-        target=tracks.target[rows],
-        nis=tracks.nis[rows],
-        target_ids=tracks.target_ids,
-    )
 
 
 def _tracks(table: Table, targets: dict[str, int]) -> Tracks:

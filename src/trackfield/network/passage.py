@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -13,9 +12,9 @@ from trackfield.network.channel import transmit
 from trackfield.network.detection_by_age import leaders_at
 from trackfield.network.topology import UNREACHED, Network
 from trackfield.raster import Region
-from trackfield.types import Indices, Readings, Reports, Vector
+from trackfield.types import Indices, Readings, Reports, Vector, select_rows
 
-Table = TypeVar("Table", Readings, Reports)
+Sent = TypeVar("Sent", Readings, Reports)
 
 
 class Passed(NamedTuple):
@@ -86,30 +85,10 @@ def pass_reports(
     return in_order(replace(reports, position=position, arrival_s=arrived)), passed
 
 
-def in_order(table: Table) -> Table:
+def in_order(table: Sent) -> Sent:
     """Keep rows that arrive at all, in order of arrival; at the same time, in their own order."""
     order = np.argsort(table.arrival_s, kind="stable")
-    return rows(table, order[: np.count_nonzero(np.isfinite(table.arrival_s))])
-
-
-def rows(table: Table, places: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Table:
-    """Take some rows of a table; its names stay."""
-    columns = {
-        field.name: getattr(table, field.name)[places]
-        for field in fields(table)
-        if isinstance(getattr(table, field.name), np.ndarray)
-    }
-    return replace(table, **columns)
-
-
-def joined(tables: Sequence[Table]) -> Table:
-    """Join the rows of tables, at least one, that share their names."""
-    columns = {
-        field.name: np.concatenate([getattr(table, field.name) for table in tables])
-        for field in fields(tables[-1])
-        if isinstance(getattr(tables[-1], field.name), np.ndarray)
-    }
-    return replace(tables[-1], **columns)
+    return select_rows(table, order[: np.count_nonzero(np.isfinite(table.arrival_s))])
 
 
 def _sent(

@@ -25,7 +25,7 @@ from trackfield.types import (
     Readings,
     Tracks,
     Vector,
-    concatenate_tracks,
+    join_rows,
     select_rows,
 )
 
@@ -329,7 +329,7 @@ def track(
     parts = [tracker.process(chunk) for chunk in chunks]
     parts.append(tracker.finish())
     require_tracks(tracker)
-    return Run(sort_rows(concatenate_tracks(parts)), tracker.counts)
+    return Run(sort_rows(join_rows(parts)), tracker.counts)
 
 
 def require_tracks(tracker: Tracker) -> None:

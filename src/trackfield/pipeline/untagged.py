@@ -29,7 +29,7 @@ from trackfield.pipeline.scene import scene
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.slots import Closing, Rules, Slots
 from trackfield.pipeline.tagged import Run
-from trackfield.types import Report, Tracks, concatenate_tracks
+from trackfield.types import Report, Tracks, join_rows
 
 _REMEMBERED = 16  # scans whose reports can be looked up
 _COUNTS = ("accepted", "delayed", "duplicate", "late", "ahead", "outside", "flooded")
@@ -284,4 +284,4 @@ def track_unknown(
     tracker = UntaggedTracker(site, feed, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
     parts = [tracker.process(table) for table in tables]
     parts.append(tracker.finish())
-    return Run(concatenate_tracks(parts), tracker.counts)
+    return Run(join_rows(parts), tracker.counts)

@@ -6,13 +6,13 @@ import functools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.network.detection_by_age import leaders_at
-from trackfield.network.passage import Passed, in_order, joined, pass_readings, pass_reports, rows
+from trackfield.network.passage import Passed, Sent, in_order, pass_readings, pass_reports
 from trackfield.simulation import sensed
 from trackfield.simulation.faults import struck
 from trackfield.simulation.fused import fuse, loud_from
@@ -20,21 +20,19 @@ from trackfield.simulation.ranged import Ranged, draw_ranges, ranges_of
 from trackfield.simulation.scenario import Carried, Scenario
 from trackfield.simulation.sensed import Loudness, Steps
 from trackfield.simulation.world import World, stream
-from trackfield.types import Indices, Matrix, Readings, Reports
+from trackfield.types import Indices, Matrix, Readings, Reports, join_rows, select_rows
 
 _PIECE = 400_000  # sensors times targets times steps, at most, that are worked on at once
 _PIECE_STEPS = 1000
 
-Table = TypeVar("Table", Readings, Reports)
 
-
-class Heard(NamedTuple, Generic[Table]):
+class Heard(NamedTuple, Generic[Sent]):
     """Some of what was said, in order of arrival, and what became of messages meanwhile.
 
     Nothing that is heard later arrives before `until_s`.
     """
 
-    table: Table
+    table: Sent
     passed: Passed
     until_s: float
 
@@ -56,10 +54,10 @@ def hear_reports(world: World) -> Iterator[Heard[Reports]]:
     return _in_time(_reports(world))
 
 
-def all_of(heard: Iterable[Heard[Table]]) -> tuple[Table, Passed]:
+def all_of(heard: Iterable[Heard[Sent]]) -> tuple[Sent, Passed]:
     """Put all that is heard into one table, and add up the counts."""
     every = list(heard)
-    table = joined([one.table for one in every])
+    table = join_rows([one.table for one in every])
     return table, functools.reduce(Passed.plus, (one.passed for one in every))
 
 
@@ -73,7 +71,7 @@ def carry_reports(
     nodes = world.deployment.network
     node = leaders_at(nodes, reports.position[:, :2]) if origin is None else origin
     silent = struck("silent", world.strikes, reports.t_s, node) > 0.0
-    sent, node = rows(reports, ~silent), node[~silent]
+    sent, node = select_rows(reports, ~silent), node[~silent]
     off = struck("clock_jump", world.strikes, sent.t_s, node)
     told, passed = replace(sent, t_s=sent.t_s + off), Passed(sent=len(sent))
     if network_carries(world.scenario, "reports"):
@@ -100,7 +98,7 @@ def _readings(world: World) -> Iterator[Heard[Readings]]:
     for steps in _all_steps(world):
         table = _spoken(world, steps, kept, sensing)
         silent = struck("silent", world.strikes, table.t_s, table.sensor) > 0.0
-        table = rows(table, ~silent)
+        table = select_rows(table, ~silent)
         off = struck("clock_jump", world.strikes, table.t_s, table.sensor)
         told, sent_s = replace(table, t_s=table.t_s + off), table.t_s
         passed = Passed(sent=len(told))
@@ -188,20 +186,20 @@ def _clocks_jump(world: World) -> bool:
     return any(one.fault.kind == "clock_jump" for one in world.strikes)
 
 
-def _in_time(sent: Iterator[Heard[Table]]) -> Iterator[Heard[Table]]:
+def _in_time(sent: Iterator[Heard[Sent]]) -> Iterator[Heard[Sent]]:
     """Hold back what has not arrived yet: all that is heard is in order of arrival.
 
     What has no arrival is taken as it comes.
     """
-    held: Table | None = None
+    held: Sent | None = None
     until_s = 0.0
     for table, passed, until_s in sent:
         if held is None and np.isnan(table.arrival_s).all():
             yield Heard(table, passed, until_s)
             continue
-        every = in_order(table if held is None else joined([held, table]))
+        every = in_order(table if held is None else join_rows([held, table]))
         ready = int(np.searchsorted(every.arrival_s, until_s))
-        held = rows(every, slice(ready, None))
-        yield Heard(rows(every, slice(ready)), passed, until_s)
+        held = select_rows(every, slice(ready, None))
+        yield Heard(select_rows(every, slice(ready)), passed, until_s)
     if held is not None and len(held):
         yield Heard(held, Passed(), math.inf)
