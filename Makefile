@@ -46,7 +46,7 @@ speed: $(TEST) ## tests that measure time, alone and without coverage
 	$(BIN)/pytest -m speed tests
 
 unit: $(TEST) ## all other tests, with branch coverage
-	$(BIN)/pytest -m "not speed" -n 2 --cov --cov-report=term
+	$(BIN)/pytest -m "not speed" -n 2 --dist loadfile --cov --cov-report=term
 
 bench: $(PEERS) ## measure against other packages; CONTRIBUTING says how to read it
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done

@@ -292,7 +292,7 @@ def test_an_interrupt_leaves_no_file_and_exits_130(run, tmp_path):
         feed.write((run / "measurements.csv").read_text())
         feed.flush()
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=300)
     assert process.returncode == 130
     assert (out, err) == (b"", b"interrupted\n")
     assert files(output) == []

@@ -73,7 +73,7 @@ def test_a_browser_plays_the_page(tmp_path):
     quiet = "--disable-background-networking --disable-component-update"
     command = [browser, *flags.split(), *quiet.split(), f"--user-data-dir={tmp_path / 'profile'}"]
     command += ["--virtual-time-budget=8000", "--dump-dom", path.as_uri()]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     # Played to the end, where both targets are tracked, and stopped there.
     assert 'id="counts">2 tracks, 2 true<' in run.stdout
     assert re.search(r'<output id="clock">19 s</output>', run.stdout)
