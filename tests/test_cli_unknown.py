@@ -408,3 +408,11 @@ def test_a_long_run_is_settled_by_a_sample():
 
 def test_reports_of_nothing_are_read_back_by_the_reader(run):
     assert len(read_reports(run / "reports.csv")) == len(RUN)
+
+
+def test_a_fault_in_a_file_names_it_once(call, run):
+    (run / "reports.csv").write_text("t_s,x_m,y_m\n0,1,2\n1,nan,3\n")
+    done = call("track", run / "site.toml", run / "reports.csv", "-o", run / "t.csv")
+    assert done.code == 2
+    where = f"{run / 'reports.csv'}, line 3: x_m"
+    assert done.err == f"error: {where}: found 'nan', expected a finite number\n"

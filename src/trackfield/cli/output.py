@@ -82,10 +82,15 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def naming(*files: Path) -> Generator[None]:
-    """Put the names of `files` before an `InputError` that came from what is in them."""
+    """Put the names of `files` before an `InputError` that came from what is in them.
+
+    One that begins with the name of one of them says where it came from itself.
+    """
     try:
         yield
     except InputError as error:
+        if str(error).startswith(tuple(map(str, files))):
+            raise
         raise InputError(f"{', '.join(map(str, files))}: {error}") from None
 
 

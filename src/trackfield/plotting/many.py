@@ -11,12 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from trackfield.plotting.style import GREY, PALETTE, broken, frame_map, new_figure
 from trackfield.raster import Region
 from trackfield.types import Indices, Matrix, Reports, Status, Tracks, Truth, Vector
 
+_FEW_SENSORS = 1000  # more of them are drawn as a tint
 _POINTS = 20000  # reports that are drawn, at most
 _SMALL: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7}
 _ROWS = 60  # of the timeline that have a name beside them, at most
@@ -66,7 +68,8 @@ def colour_of(track: int) -> str:
 def _draw_map(axes: Axes, tracks: Tracks, shown: NDArray[np.bool_], *, scenery: Scenery) -> None:
     frame_map(axes, "Where targets went")
     if scenery.sensors is not None:
-        axes.plot(*scenery.sensors.T, ".", color="0.8", markersize=2, zorder=0, label="sensors")
+        size = 2.0 if len(scenery.sensors) <= _FEW_SENSORS else 0.5
+        axes.plot(*scenery.sensors.T, ".", color="0.8", markersize=size, zorder=0, label="sensors")
     if scenery.reports is not None and len(scenery.reports):
         step = -(-len(scenery.reports) // _POINTS)
         x, y = scenery.reports.position[::step, :2].T
@@ -159,6 +162,7 @@ def _draw_counts(axes: Axes, tracks: Tracks, shown: NDArray[np.bool_], *, scener
     counts = np.bincount(np.searchsorted(times, tracks.t_s[shown]), minlength=times.size)
     axes.step(times, counts, where="mid", color=PALETTE[0], linewidth=1.2, label="shown")
     axes.set_ylim(bottom=0.0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(color="0.92")
     axes.legend(loc="lower right", fontsize=9)
 
