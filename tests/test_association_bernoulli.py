@@ -21,7 +21,7 @@ REGION = Region(0.0, 0.0, 100.0, 100.0)
 def scene(region=REGION, *, sigma_m=0.4, p=(0.73,), false=6.0, **targets) -> Scene:
     return Scene(
         Reporting(region, sigma_m=sigma_m, p_detection=p, false_per_scan=false),
-        Targets(**targets),
+        Targets(**{"births_per_s": 0.1, **targets}),
     )
 
 

@@ -114,6 +114,11 @@ def test_false_reports_for_long_neither_grow_the_state_nor_show_targets():
     assert shown / 600 < 0.1
     assert max(sizes[300:]) < 1.3 * max(sizes[50:300])
     assert info.learned["false_per_scan"] == pytest.approx(6.0, rel=0.1)
+    assert info.learned["births_per_s"] < 0.03  # of .15 at the start
+    for t in range(600, 610):  # and still a target is seen when it comes
+        z = np.concatenate([[[20.0 + t - 600, 50.0]], rng.uniform(0, 100, (6, 2))])
+        state, _ = tracker.step(state, scan(t, z))
+    assert tracker.estimates(state).shown.sum() == 1
 
 
 @pytest.mark.parametrize("false", [6.0, None])

@@ -291,6 +291,7 @@ def test_check_looks_at_reports(call, run):
     lines = {line.split()[0]: line.split()[1:] for line in done.out.splitlines() if line.split()}
     assert lines["reports.step_s"] == ["0.5", "derived"]
     assert lines["reports.sigma_m"] == ["-", "learned"]
+    assert lines["target.births_per_s"] == ["-", "learned"]
     late = table([(0.5 * k, 5.0, 5.0, 0.5 * k + 0.2) for k in range(9)])
     write_reports(run / "late.csv", late)
     found = call("check", run / "site.toml", run / "late.csv", "--json").json

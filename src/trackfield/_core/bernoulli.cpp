@@ -50,12 +50,15 @@ static BernoulliModel model_from(const nb::dict &d) {
     m.first_sigma = get(d, "first_sigma");
     m.first_p_detection = get(d, "first_p_detection");
     m.first_false = get(d, "first_false");
+    m.first_births = get(d, "first_births");
     m.weight_sigma = get(d, "weight_sigma");
     m.weight_p_detection = get(d, "weight_p_detection");
     m.weight_false = get(d, "weight_false");
+    m.weight_births = get(d, "weight_births");
     m.memory_sigma = get(d, "memory_sigma");
     m.memory_p_detection = get(d, "memory_p_detection");
     m.memory_false = get(d, "memory_false");
+    m.memory_births = get(d, "memory_births");
     m.gate = get(d, "gate");
     m.least_existence = get(d, "least_existence");
     m.least_weight = get(d, "least_weight");
@@ -125,6 +128,7 @@ static nb::dict told(const BernoulliState &s) {
     o["work"] = s.counts.work;
     o["false_per_scan"] = s.false_reports.mean();
     o["p_detection"] = s.p_detection.mean();
+    o["births"] = s.births.mean();
     o["sigma"] = std::sqrt(s.variance.mean());
     o["tracks"] = s.frames.empty() ? 0 : s.frames.back()->tracks.size();
     o["leaves"] = s.frames.empty() ? 0 : s.frames.back()->leaves.size();

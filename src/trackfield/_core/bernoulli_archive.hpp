@@ -28,7 +28,7 @@ template <class Ar> void visit(Ar &ar, Names &n) { visit_all(ar, n.names, n.next
 
 // All of a state but its frames, which stand as places in a table.
 template <class Ar> void visit_rest(Ar &ar, BernoulliState &s, std::vector<uint32_t> &frames) {
-    visit_all(ar, frames, s.undetected, s.false_reports, s.p_detection, s.variance, s.counts);
+    visit_all(ar, frames, s.undetected, s.false_reports, s.p_detection, s.variance, s.births, s.begun, s.counts);
     for (Learned &ring : s.shadow) visit(ar, ring);
 }
 

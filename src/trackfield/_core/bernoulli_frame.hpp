@@ -73,6 +73,8 @@ struct BernoulliState {
     std::vector<std::shared_ptr<const Frame>> frames;  // the newest last
     std::vector<double> undetected;  // expected number per area of targets never seen, a cell each
     Learned false_reports, p_detection, variance;
+    Learned births;                  // a step
+    double begun = 0;                // time of the first scan
     std::array<Learned, kRings> shadow;  // false reports near likely targets over those of an even spread
     StepCounts counts;  // of the newest step
 };

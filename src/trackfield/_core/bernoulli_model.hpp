@@ -36,7 +36,7 @@ struct BernoulliModel {
     double accel_sigma = 0, velocity_sigma = 1;
     double survival = 1;          // of a step; with a hazard, that by age holds instead
     std::vector<double> hazard;
-    double births = 0;            // per step, in the whole region
+    double births = 0;            // per step, in the whole region; negative: learned
     double initial_count = 0;
     Map birth_map, survival_map;  // relative
     // Reports.
@@ -46,10 +46,10 @@ struct BernoulliModel {
     std::vector<Map> p_detection; // by age; empty: learned
     double false_per_scan = -1;   // negative: learned
     Map false_map;                // relative
-    // What is learned starts here, with the weight of so many reports or scans.
-    double first_sigma = 1, first_p_detection = 0.75, first_false = 5;
-    double weight_sigma = 10, weight_p_detection = 10, weight_false = 2;
-    double memory_sigma = 200, memory_p_detection = 200, memory_false = 50;
+    // What is learned starts here, with the weight of so many reports, scans or births.
+    double first_sigma = 1, first_p_detection = 0.75, first_false = 5, first_births = 0.1;
+    double weight_sigma = 10, weight_p_detection = 10, weight_false = 2, weight_births = 2;
+    double memory_sigma = 200, memory_p_detection = 200, memory_false = 50, memory_births = 200;
     // The mixture.
     double gate = 20;             // largest squared Mahalanobis distance of a report
     double least_existence = 1e-3, least_weight = 1e-4;

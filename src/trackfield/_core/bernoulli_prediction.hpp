@@ -67,12 +67,12 @@ class Undetected {
     const std::vector<double> &values() const { return grid_.values; }
     double at(double px, double py) const { return grid_.at(px, py); }
 
-    void predict(double dt, double n) {
+    void predict(double dt, double n, double births) {
         if (!grid_.uniform()) spread(dt);
         const double s = lasting(m_, 0, std::min(n, 1e6));
         for (size_t c = 0; c < grid_.values.size(); ++c)
             grid_.values[c] *= s * std::pow(m_.survival_map.at(x(c), y(c)), n);
-        add(m_.births * std::min(n, kMostSteps));
+        add(births * std::min(n, kMostSteps));
     }
 
     // Those that a scan would have reported are not among them any more.

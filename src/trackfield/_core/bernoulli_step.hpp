@@ -34,10 +34,10 @@ class BernoulliStep {
             const double dt = input.t - before.t, n = std::max(1.0, std::round(dt / m_.step));
             leaves_ = predicted(before, m_, dt, n);
             undetected.load(s_.undetected);
-            undetected.predict(dt, n);
+            undetected.predict(dt, n, m_.births >= 0 ? m_.births : next_.births.mean());
         } else {
             undetected.start();
-            begin_learning();
+            begin_learning(input.t);
         }
         const double share = m_.p_detection.size() > 1 ? 1 : input.share;  // else told by age
         const double p = next_.p_detection.mean();
@@ -49,6 +49,7 @@ class BernoulliStep {
         const ScanView view{m_, before, leaves_, reports_, options};
         decide(view, input.t);
         learn(share, input.share);
+        if (begun) learn_births(before.t, input.t);
         finish(input.t);
         return std::move(next_);
     }
@@ -64,7 +65,9 @@ class BernoulliStep {
     std::optional<Shadow> shadow_;  // where the density of false reports is learned
     double clutter_ = 0;  // false reports expected in this scan
 
-    void begin_learning() {
+    void begin_learning(double t) {
+        next_.begun = t;
+        next_.births = prior_births();
         next_.shadow.fill({kShadowWeight, kShadowWeight});
         next_.false_reports = {m_.first_false * m_.weight_false, m_.weight_false};
         next_.p_detection = {m_.first_p_detection * m_.weight_p_detection, m_.weight_p_detection};
@@ -267,6 +270,24 @@ class BernoulliStep {
         next_.variance.correct(squares, residuals, m_.memory_sigma, kPace);
     }
 
+    Learned prior_births() const { return {m_.weight_births, m_.weight_births / m_.first_births}; }
+
+    // Targets that have come, each counted when what followed has shown whether it is one; what is known
+    // before the first scan is not forgotten, so that nothing to see for hours does not rule a target out.
+    void learn_births(double t_before, double t) {
+        const double wait = (kShownBy - 0.5) * m_.step;
+        if (t - next_.begun < wait) return;
+        double born = 0;
+        for (const Draft &d : drafts_)
+            for (const DraftTrack &track : d.tracks)
+                if (track.first > next_.begun && t - track.first >= wait && t_before - track.first < wait) born += existence(track);
+        const Learned prior = prior_births();
+        Learned found{next_.births.sum - prior.sum, next_.births.weight - prior.weight};
+        found.add(born, std::max(1.0, std::round((t - t_before) / m_.step)), m_.memory_births);
+        next_.births = {found.sum + prior.sum, found.weight + prior.weight};
+    }
+
+    static constexpr double kShownBy = 4;         // steps after its first report a target is one or not
     static constexpr double kBurst = 5;           // sigmas
     static constexpr double kLeastDensity = 1e-12;
     // Existence of targets that tell of noise, and of detection: whoever doubts more takes misses for ends.

@@ -37,7 +37,7 @@ from trackfield.errors import InputError, StateError
 from trackfield.raster import Raster
 from trackfield.types import Arrays, Matrix, Vector
 
-_VERSION = 1
+_VERSION = 2
 _ARRIVED = 0.995  # share of reports after which a scan counts as complete
 _ALTERNATIVES = 10
 _LEAST = 1e-9
@@ -211,7 +211,10 @@ class Bernoulli:
             "p_detection": (reporting.p_detection, "p_detection"),
             "false_per_scan": (reporting.false_per_scan, "false_per_scan"),
         }
-        return {name: told[key] for name, (given, key) in left_open.items() if given is None}
+        learned = {name: told[key] for name, (given, key) in left_open.items() if given is None}
+        if self.scene.targets.births_per_s is None:
+            learned["births_per_s"] = told["births"] / reporting.step_s
+        return learned
 
 
 def _scans(columns: Arrays) -> list[ReportScan]:

@@ -47,6 +47,7 @@ def problems(scene: Scene, settings: BernoulliSettings) -> list[str]:
     region = reporting.region
     ages = reporting.p_detection or ()
     sigma, false = reporting.sigma_m, reporting.false_per_scan
+    births = targets.births_per_s
     rules = [
         (region.x_max > region.x_min and region.y_max > region.y_min, "region", region),
         (reporting.step_s > 0, "step_s", reporting.step_s),
@@ -59,7 +60,7 @@ def problems(scene: Scene, settings: BernoulliSettings) -> list[str]:
         (0 < targets.velocity_sigma_m_s < math.inf, "velocity_sigma_m_s", None),
         (targets.lifetime_s > 0, "lifetime_s", targets.lifetime_s),
         (all(0 <= h <= 1 for h in targets.hazard), "hazard", targets.hazard),
-        (0 <= targets.births_per_s < math.inf, "births_per_s", targets.births_per_s),
+        (births is None or 0 <= births < math.inf, "births_per_s", births),
         (0 <= targets.initial_count < math.inf, "initial_count", targets.initial_count),
         (_within(targets.birth_map, 0.0, math.inf), "birth_map", targets.birth_map),
         (_within(targets.survival_map, 0.0, 1.0), "survival_map", targets.survival_map),
@@ -91,7 +92,7 @@ def kernel_model(scene: Scene, settings: BernoulliSettings) -> dict[str, object]
         "velocity_sigma": targets.velocity_sigma_m_s,
         "survival": math.exp(-step_s / targets.lifetime_s),
         "hazard": list(targets.hazard),
-        "births": targets.births_per_s * step_s,
+        "births": -1.0 if targets.births_per_s is None else targets.births_per_s * step_s,
         "initial_count": targets.initial_count,
         "birth_map": _map(targets.birth_map, region),
         "survival_map": _map(targets.survival_map, region),
@@ -103,12 +104,15 @@ def kernel_model(scene: Scene, settings: BernoulliSettings) -> dict[str, object]
         "first_sigma": first_sigma_m(scene),
         "first_p_detection": 0.7,
         "first_false": 5.0,
+        "first_births": 0.15 * step_s,
         "weight_sigma": 2.0,
         "weight_p_detection": 20.0,
         "weight_false": 2.0,
+        "weight_births": 3.0,
         "memory_sigma": 500.0,
         "memory_p_detection": 500.0,
         "memory_false": 100.0,
+        "memory_births": 200.0,
         "gate": settings.gate_d2,
         "least_existence": settings.least_existence,
         "least_weight": settings.least_weight,

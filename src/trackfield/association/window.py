@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.association.contract import ReportScan
-from trackfield.association.model import Scene, Targets
+from trackfield.association.model import USUAL_BIRTHS_PER_S, Scene, Targets
 from trackfield.association.partition import Life, Window
 from trackfield.raster import Field, Raster, value_at
 from trackfield.types import Matrix, Vector
@@ -50,8 +50,9 @@ def window(
     lifetime_s = life_time_s(targets, reporting.step_s)
     survival = np.exp(-np.diff(t_s, prepend=t_s[0]) / lifetime_s)
     p_detection = _detection(scene, position, slots=len(scans), known=known)
-    step_births = targets.births_per_s * reporting.step_s
-    standing = targets.initial_count if begins else targets.births_per_s * lifetime_s
+    births_per_s = USUAL_BIRTHS_PER_S if targets.births_per_s is None else targets.births_per_s
+    step_births = births_per_s * reporting.step_s
+    standing = targets.initial_count if begins else births_per_s * lifetime_s
     births = np.full(slot.size, step_births)
     if not paper:
         missed = survival[:, None] * (1.0 - p_detection)

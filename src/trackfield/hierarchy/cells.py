@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.association.model import Scene
+from trackfield.association.model import USUAL_BIRTHS_PER_S, Scene
 from trackfield.errors import ConfigurationError
 from trackfield.raster import Field, Raster, Region
 from trackfield.types import Matrix, Vector
@@ -67,10 +67,14 @@ class Cells:
         )
 
     def scene(self, group: int, whole: Scene, *, margin_m: float) -> Scene:
-        """Cut the whole scene to what `group` is told: that of its `region`."""
+        """Cut the whole scene to what `group` is told: that of its `region`.
+
+        Births that are None are the usual ones: a group sees too few to learn them, and would take
+        hand-overs that were lost for births.
+        """
         reporting, targets = whole.reporting, whole.targets
         region = self.region(group, reporting.region, margin_m=margin_m)
-        false = reporting.false_per_scan
+        false, births = reporting.false_per_scan, targets.births_per_s
         born = _share(targets.birth_map, region, reporting.region)
         heard = _share(reporting.false_map, region, reporting.region)
         return Scene(
@@ -79,7 +83,7 @@ class Cells:
             ),
             replace(
                 targets,
-                births_per_s=targets.births_per_s * born,
+                births_per_s=(USUAL_BIRTHS_PER_S if births is None else births) * born,
                 initial_count=targets.initial_count * born,
             ),
         )

@@ -13,6 +13,7 @@ from trackfield.network.site import ReportSettings, Site, Target, TrackerSetting
 
 Source = Literal["given", "default", "learned", "derived"]
 _DERIVED = frozenset({"reports.region", "reports.step_s"})  # from the data, before they are tracked
+_OPEN_TARGET = "target.births_per_s"  # what is learned of targets if not given
 
 
 class Setting(NamedTuple):
@@ -79,7 +80,7 @@ def names_of_models(site: Site) -> tuple[str, ...]:
 def _source(name: str, value: object, usual: object) -> Source:
     if value != usual:
         return "given"
-    if value is None and name.startswith("reports."):
+    if value is None and (name.startswith("reports.") or name == _OPEN_TARGET):
         return "derived" if name in _DERIVED else "learned"
     return "default"
 

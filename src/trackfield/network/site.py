@@ -52,7 +52,7 @@ class Target:
     max_speed_m_s: float = 15.0
     velocity_sigma_m_s: float = 1.0  # of a target that appears, per axis
     lifetime_s: float = 50.0  # mean
-    births_per_s: float = 0.1  # in the whole region
+    births_per_s: float | None = None  # in the whole region; None: learned
     initial_count: float = 1.0  # expected number of targets when the run begins
 
 
