@@ -20,12 +20,12 @@ from trackfield.plotting.style import GREY, PALETTE, new_figure
 from trackfield.raster import Region
 
 if TYPE_CHECKING:
-    from trackfield.experiments.oh import Reproduction
+    from trackfield.experiments import oh
 
 FIELD = Region(0.0, 0.0, 100.0, 100.0)
 
 
-def figures(found: Reproduction) -> dict[str, Figure]:
+def figures(found: oh.Reproduction) -> dict[str, Figure]:
     """Draw all figures, by file name without its suffix."""
     walk = found.walkers.picture
     tracks = walk.tracks["track-before-detect"]
@@ -48,7 +48,7 @@ def figures(found: Reproduction) -> dict[str, Figure]:
     }
 
 
-def _fig4(found: Reproduction) -> Figure:
+def _fig4(found: oh.Reproduction) -> Figure:
     figure = new_figure(6.4, 4.4)
     axes = figure.add_subplot()
     r = found.fig4.range_m
@@ -82,7 +82,7 @@ def _fig4(found: Reproduction) -> Figure:
     return figure
 
 
-def _contest(found: Reproduction) -> Figure:
+def _contest(found: oh.Reproduction) -> Figure:
     """Live GOSPA over time of every tracker, mean over the worlds."""
     figure = new_figure(9.0, 4.6)
     axes = figure.add_subplot()
@@ -103,7 +103,7 @@ def _contest(found: Reproduction) -> Figure:
     return figure
 
 
-def _tracks(found: Reproduction) -> Figure:
+def _tracks(found: oh.Reproduction) -> Figure:
     """Draw what arrived of one world's reports, and our live tracks of it."""
     run = found.network[OURS.name][0]
     whose = followed(run.truth, run.tracks)
@@ -111,7 +111,7 @@ def _tracks(found: Reproduction) -> Figure:
     return plot_many(run.tracks, scenery, title="Fig. 10: one world, live tracks of the mixture")
 
 
-def _sweeps(found: Reproduction) -> Figure:
+def _sweeps(found: oh.Reproduction) -> Figure:
     figure = new_figure(11.0, 7.2)
     panels = figure.subplots(2, 2, sharey=True).ravel()
     sweeps = found.sweeps
