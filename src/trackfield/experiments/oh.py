@@ -42,7 +42,7 @@ class Size(NamedTuple):
     walks: int  # runs of each number of walkers
 
 
-FULL = Size(6000, 500, 10, 3, 1, 100, 15)
+FULL = Size(6000, 300, 10, 3, 1, 100, 12)
 QUICK = Size(100, 10, 1, 1, 4, 30, 1)
 _FIRST_WORLD, _FIRST_WALK = 20, 7000  # seeds
 
