@@ -69,7 +69,7 @@ def test_after_a_gap_the_clock_goes_on_and_nothing_is_made_up(gap_s):
 def test_an_empty_field_shows_nothing_and_stays_small():
     detect, rng = tracker(particles=500), np.random.default_rng(2)
     state, sizes, members = detect.initial(), [], 0
-    for t in range(1500):
+    for t in range(1000):
         state, info = detect.step(state, ReadingScan(float(t), noise(rng)))
         members = max(members, info.counts["members"])
         assert not detect.estimates(state).shown.any()

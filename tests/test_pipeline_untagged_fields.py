@@ -50,8 +50,8 @@ def test_a_walker_is_found_by_detections(case, says_zero):
     assert feed == Feed("detection", 3, says_zero)
     run = tracked(case, feed)
     score = score_many(case[2], run.tracks)
-    assert score.clear_mot.mota > 0.75
-    assert score.clear_mot.switches == 0
+    assert score.clear_mot.mota > 0.82
+    assert score.clear_mot.switches <= 1  # its first seconds can be taken for another track
     assert score.clear_mot.motp_m < 1.5
 
 

@@ -54,7 +54,7 @@ class DetectSettings:
     initial_count: float = 0.1
     temper: float = 0.85
     confirm: float = 0.9
-    show: float = 0.5
+    show: float = 0.2
     drop: float = 0.005
     group_size: int = 4
     most_targets: int = 64
