@@ -3,31 +3,49 @@
 Every mutant drops a Hastings term, a gate, or the refresh of something kept. Each is a copy of the
 sampler in a namespace of its own; `tests/test_association_mcmcda_chain.py` runs on it in a process
 of its own, which may crash. The source stays as it is. Exit 1 if a mutant lives or its line is not
-there any more. `make` does not run this: it takes some minutes. `python scripts/mutants.py [WORD
-...]` tries those whose name has such a word.
+there any more. `make` does not run this: it takes a quarter of an hour. `python scripts/mutants.py
+[WORD ...]` tries those whose name has such a word; `--page` writes what noticed them to
+`docs/concepts/association_mcmcda.md`.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
-import inspect
+import itertools
 import os
+import re
 import resource
 import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import nanobind
+import pytest
 
 ROOT = Path(__file__).parents[1]
 CORE = ROOT / "src" / "trackfield" / "_core"
-BATCH = 12  # mutants a compilation
-MOST_S = 240  # of the processor, for the tests of a mutant
+BEGIN, END = "<!-- mutants -->", "<!-- end of mutants -->"
+PAGE = ROOT / "docs" / "concepts" / "association_mcmcda.md"
+COMMON = "nanobind.o"
+JOBS = 3  # compilers, and as many mutants under test
+BATCH = 8  # mutants a compilation
+MOST_S = 90  # of the processor, for the tests of a mutant; the source as it is takes 15
+
+
+DOOR = {  # a function instead of a module; and one kind of belief, the general one, compiles sooner
+    "NB_MODULE(_mcmcda, m)": "void bind(nb::module_ &m)",
+    "std::make_unique<Chain<Round>>": "std::make_unique<Chain<Oblique>>",
+    "std::unique_ptr<Chain<Round>>, ": "",
+}
 
 
 class Mutant(NamedTuple):
@@ -308,6 +326,72 @@ GATES = (
         "return true;",
     ),
     Mutant("death: none after the last slot", "window", "if (left == 0) return 0;", ""),
+    Mutant("free: a uniform pick", "picks", "tracks_.free(l.to) && n-- == 0", "n-- == 0"),
+    Mutant("free: uniform picks, counted", "picks", "n += tracks_.free(l.to);", "n += 1;"),
+    Mutant(
+        "free: uniform picks, if any",
+        "picks",
+        "if (tracks_.free(l.to)) return true;",
+        "return true;",
+    ),
+    Mutant(
+        "free: an informed pick", "picks", "if (!tracks_.free(l.to)) continue;\n            ", ""
+    ),
+    Mutant("free: the pick before", "picks", "if (tracks_.free(h) || h == also) ", ""),
+    _without(
+        "births",
+        "free: the first report of a uniform birth",
+        "return tracks_.free(i) && picks_.any_free(i, d);",
+        "tracks_.free(i) && ",
+    ),
+    _without(
+        "births",
+        "free: the first report of an informed birth",
+        "if (!tracks_.free(i) || sum_[i] <= 0) continue;",
+        "!tracks_.free(i) || ",
+    ),
+    Mutant(
+        "free: the second report of an informed birth",
+        "births",
+        "if (!tracks_.free(l.to)) continue;\n                first = i;",
+        "first = i;",
+    ),
+    Mutant(
+        "free: the sum of informed births",
+        "births",
+        "if (!tracks_.free(i)) continue;\n            if (stale_",
+        "if (stale_",
+    ),
+    _without(
+        "births",
+        "free: the sum after a first report",
+        "if (tracks_.free(l.to)) sum += pair_",
+        "if (tracks_.free(l.to)) ",
+    ),
+    _without(
+        "moves",
+        "reduction before: frozen",
+        "if (tracks_.frozen(t) > 0 || t.length < 3) return false;",
+        "tracks_.frozen(t) > 0 || ",
+    ),
+    _without(
+        "moves",
+        "reduction before: two reports left",
+        "if (tracks_.frozen(t) > 0 || t.length < 3) return false;",
+        " || t.length < 3",
+    ),
+    _without(
+        "swaps",
+        "merge: frozen, counted",
+        "tracks.place(l.to) == 0 && w.reports[l.to].slot >= w.set.frozen;",
+        " && w.reports[l.to].slot >= w.set.frozen",
+    ),
+    _without(
+        "swaps",
+        "switch: frozen, the second tail",
+        "j == 0 || w.reports[l.to].slot < w.set.frozen) continue;",
+        " || w.reports[l.to].slot < w.set.frozen",
+    ),
 )
 
 REFRESHES = (
@@ -329,6 +413,12 @@ REFRESHES = (
         "for (const int32_t h : window_.before(i)) stale_[h] = 1;",
         "",
     ),
+    Mutant(
+        "births: sums at the start",
+        "births",
+        "stale_.assign(window_.size(), 1);",
+        "stale_.assign(window_.size(), 0);",
+    ),
     Mutant("places of owned reports", "tracks", "place_[i] = p;", "if (from == 0) place_[i] = p;"),
     Mutant(
         "owner of touched reports",
@@ -337,6 +427,7 @@ REFRESHES = (
         "if (owner >= 0) touched_.push_back(i);",
     ),
     Mutant("numbers of moved tracks", "tracks", "position_[live_[k]] = k;", ""),
+    Mutant("numbers of new tracks", "tracks", "position_[at] = count();", ""),
     Mutant("score: split", "moves", "t.score = head;", ""),
     Mutant(
         "score: extension",
@@ -363,6 +454,31 @@ REFRESHES = (
         "after a no: death", "moves", "tracks_.own(k, 0);\n        return false;", "return false;"
     ),
     Mutant("after a no: switch", "moves", "exchange(s);\n        return false;", "return false;"),
+    Mutant(
+        "after a no: update",
+        "moves",
+        "tracks_.own(k, from);\n            return false;",
+        "return false;",
+    ),
+    Mutant("owner: a new track", "tracks", "own(count() - 1, 0);", ""),
+    Mutant("owner: extension", "moves", "tracks_.own(k, before);", ""),
+    Mutant(
+        "owner: update", "moves", "tracks_.own(k, from);\n        return taken;", "return taken;"
+    ),
+    Mutant(
+        "owner: a track in place of another",
+        "moves",
+        "proposed);\n        tracks_.own(k, from);",
+        "proposed);",
+    ),
+    Mutant("owner: switch, the first", "moves", "tracks_.own(s.a, s.i);", ""),
+    Mutant("owner: switch, the second", "moves", "tracks_.own(s.b, s.j);", ""),
+    Mutant(
+        "release: a track in place of another",
+        "moves",
+        "tracks_.release(k, from);\n        std::swap",
+        "std::swap",
+    ),
     Mutant("release: death", "moves", "tracks_.release(k, 0);\n        const", "const"),
     Mutant("release: reduction", "moves", "tracks_.release(k, left);\n", "\n"),
     Mutant(
@@ -382,15 +498,23 @@ REFRESHES = (
     Mutant("noise over a gap", "window", "a.pp + b.dt * (2 * a.pv + b.dt * a.vv) + b.pp,", "b.pp,"),
 )
 
-MUTANTS = HASTINGS + PROPOSALS + GATES + REFRESHES
+KINDS = {
+    "Hastings terms": HASTINGS,
+    "Probabilities of proposals": PROPOSALS,
+    "Gates": GATES,
+    "What is kept": REFRESHES,
+}
+MUTANTS = [mutant for kind in KINDS.values() for mutant in kind]
 
 
 def sources(mutant: Mutant | None) -> dict[str, str]:
     """Read the sampler's files, one of them broken; `LookupError` if its line is not there once."""
     texts = {path.name: path.read_text() for path in CORE.glob("mcmcda*.[ch]pp")}
     texts["xoshiro.hpp"] = (CORE / "xoshiro.hpp").read_text()
-    door = "NB_MODULE(_mcmcda, m)"
-    texts["mcmcda.cpp"] = texts["mcmcda.cpp"].replace(door, "void bind(nb::module_ &m)")
+    for there, here in DOOR.items():
+        if there not in texts["mcmcda.cpp"]:
+            raise LookupError(there)
+        texts["mcmcda.cpp"] = texts["mcmcda.cpp"].replace(there, here)
     if mutant:
         name = f"mcmcda_{mutant.file}.hpp"
         there = texts[name].count(mutant.line)
@@ -400,7 +524,20 @@ def sources(mutant: Mutant | None) -> dict[str, str]:
     return texts
 
 
-def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
+def compile_cpp(*what: str) -> None:
+    """Run the compiler; none of our warnings again."""
+    include = Path(nanobind.include_dir())
+    command = [
+        *("c++", "-std=c++20", "-O1", "-w", "-fPIC", "-fvisibility=hidden"),
+        *("-fno-strict-aliasing", "-ffp-contract=off"),
+        f"-I{include}",
+        f"-I{include.parent / 'ext' / 'robin_map' / 'include'}",
+        f"-I{sysconfig.get_paths()['include']}",
+    ]
+    subprocess.run([*command, *what], check=True)  # noqa: S603 - our own files
+
+
+def build(mutants: list[Mutant | None], place: Path) -> Path:
     """Compile mutants into one module, a submodule each; no two of all may share a namespace."""
     system = sorted(
         {
@@ -412,6 +549,7 @@ def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
     )
     code = ["#include <nanobind/nanobind.h>", *system]
     doors: list[str] = []
+    place.mkdir()
     for number, mutant in enumerate(mutants):
         own = f"{place.name}_{number}"
         folder = place / own
@@ -424,19 +562,14 @@ def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
         doors.append(f'{{ auto s = m.def_submodule("{own}"); {own}::bind(s); }}')
     code.append(f"NB_MODULE({place.name}, m) {{ {' '.join(doors)} }}")
     (place / "all.cpp").write_text("\n".join(code))
-    include = Path(nanobind.include_dir())
     out = place / f"{place.name}.so"
-    command = [
-        *("c++", "-std=c++20", "-O1", "-w", "-shared", "-fPIC", "-fvisibility=hidden"),
-        *("-fno-strict-aliasing", "-ffp-contract=off"),
-        f"-I{include}",
-        f"-I{include.parent / 'ext' / 'robin_map' / 'include'}",
-        f"-I{sysconfig.get_paths()['include']}",
-        *(str(place / "all.cpp"), str(include.parent / "src" / "nb_combined.cpp")),
-        *("-o", str(out)),
-    ]
-    subprocess.run(command, check=True)  # noqa: S603 - our own files
-    spec = importlib.util.spec_from_file_location(place.name, out)
+    compile_cpp("-shared", str(place / "all.cpp"), str(place.parent / COMMON), "-o", str(out))
+    return out
+
+
+def load(out: Path) -> ModuleType:
+    """Import a module from its file."""
+    spec = importlib.util.spec_from_file_location(out.stem, out)
     if spec is None or spec.loader is None:
         raise ImportError(str(out))
     module = importlib.util.module_from_spec(spec)
@@ -444,45 +577,74 @@ def build(mutants: list[Mutant | None], place: Path) -> ModuleType:
     return module
 
 
-def cases(tests: ModuleType) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Every test of the module with each of its arguments, as pytest would run them."""
-    for name, function in inspect.getmembers(tests, inspect.isfunction):
+class Case(NamedTuple):
+    """A test with one choice of its arguments, as pytest names it."""
+
+    label: str
+    given: dict[str, Any]
+    run: Callable[[], None]
+
+
+def cases(tests: ModuleType) -> list[Case]:
+    """Every test with each of its arguments, the cheap ones first: on the smallest window."""
+    found: list[Case] = []
+    for name, function in vars(tests).items():
         if not name.startswith("test_"):
             continue
-        windows = (
-            list(tests.WINDOWS) if "name" in inspect.signature(function).parameters else [None]
-        )
-        ways = [False, True] if "informed" in inspect.signature(function).parameters else [None]
-        for window in windows:
-            for informed in ways:
-                given: dict[str, Any] = {"name": window, "informed": informed}
-                given = {key: value for key, value in given.items() if value is not None}
-                label = "-".join(str(value) for value in given.values())
-                yield f"{name}[{label}]", lambda f=function, g=given: f(**g)
+        marks: list[pytest.Mark] = getattr(function, "pytestmark", [])
+        names = [mark.args[0] for mark in marks]
+        for values in itertools.product(*(choices(mark) for mark in marks)):
+            ids = "-".join(label for label, _ in values)
+            given = dict(zip(names, (value for _, value in values), strict=True))
+            label = f"{name}[{ids}]" if ids else name
+            found.append(Case(label, given, partial(function, **given)))
+    smallest, *others = tests.WINDOWS
+    order = [smallest, None, *others]
+    return sorted(
+        found, key=lambda c: (order.index(c.given.get("name")), c.given.get("informed", False))
+    )
 
 
-def first_failure(tests: ModuleType, sampler: type) -> str:
-    """Name of the first test that fails with this sampler, or nothing."""
+def choices(mark: pytest.Mark) -> Iterator[tuple[str, Any]]:
+    """Names and values of a parameter of tests."""
+    values = list(mark.args[1])
+    return zip(mark.kwargs.get("ids", map(str, values)), values, strict=True)
+
+
+class Trial(NamedTuple):
+    """A process that runs the tests with a mutant and writes the name of each before it begins."""
+
+    mutant: Mutant | None
+    process: int
+    names: int
+
+
+def begin(tests: ModuleType, mutant: Mutant | None, sampler: type) -> Trial:
+    """Run the tests with this sampler until one fails, in a process of its own."""
     read, write = os.pipe()
     child = os.fork()
-    if child == 0:
-        os.close(read)
-        resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S))
-        sys.modules["mcmcda_twin"].Sampler = sampler  # type: ignore[attr-defined]
-        for label, run in cases(tests):
-            os.write(write, f"{label}\n".encode())
-            try:
-                run()
-            except Exception:  # noqa: BLE001 - any failure is what we look for
-                os._exit(1)
-        os._exit(0)
-    os.close(write)
-    with os.fdopen(read) as lines:
+    if child:
+        os.close(write)
+        return Trial(mutant, child, read)
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S))
+    sys.modules["mcmcda_twin"].Sampler = sampler  # type: ignore[attr-defined]
+    for case in cases(tests):
+        os.write(write, f"{case.label}\n".encode())
+        try:
+            case.run()
+        except Exception:  # noqa: BLE001 - any failure is what we look for
+            os._exit(1)
+    os._exit(0)
+
+
+def first_failure(trial: Trial) -> str:
+    """Name of the first test that failed, or nothing; `RuntimeError` for the source as it is."""
+    with os.fdopen(trial.names) as lines:
         begun = lines.read().split()
-    _, status = os.waitpid(child, 0)
-    if status == 0:
-        return ""
-    return begun[-1] + (f" (signal {os.WTERMSIG(status)})" if os.WIFSIGNALED(status) else "")
+    _, status = os.waitpid(trial.process, 0)
+    if status and not trial.mutant:
+        raise RuntimeError(f"the source as it is fails {begun[-1]}")
+    return begun[-1] if status else ""
 
 
 def load_tests() -> ModuleType:
@@ -495,32 +657,58 @@ def load_tests() -> ModuleType:
     return tests
 
 
-def main(words: list[str]) -> int:
-    """Try the mutants whose name has one of the words, or all."""
-    chosen = [m for m in MUTANTS if not words or any(word in m.name for word in words)]
-    tests, lived = load_tests(), 0
-    with tempfile.TemporaryDirectory() as folder:
-        for start in range(0, len(chosen), BATCH):
-            sound: list[Mutant | None] = [] if start else [None]
-            batch = [*sound, *chosen[start : start + BATCH]]
-            place = Path(folder) / f"batch{start}"
-            place.mkdir()
-            built = build(batch, place)
+def trials(chosen: list[Mutant]) -> Iterator[tuple[Mutant | None, str]]:
+    """Mutants with the first test that fails, or nothing; first the source as it is."""
+    own = Path(nanobind.include_dir()).parent / "src" / "nb_combined.cpp"
+    batches: list[list[Mutant | None]] = [[None]]  # the source as it is goes first
+    batches += [[*chosen[start : start + BATCH]] for start in range(0, len(chosen), BATCH)]
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(JOBS) as compilers:
+        compile_cpp("-c", str(own), "-o", str(Path(folder) / COMMON))
+        places = [Path(folder) / f"batch{k}" for k in range(len(batches))]
+        built = compilers.map(build, batches, places)
+        tests = load_tests()
+        running: deque[Trial] = deque()
+        for batch, out in zip(batches, built, strict=True):
+            module = load(out)
             for number, mutant in enumerate(batch):
-                killer = first_failure(tests, getattr(built, f"{place.name}_{number}").Sampler)
-                if mutant is None:
-                    if killer:
-                        print(f"the source as it is fails {killer}")
-                        return 1
-                    continue
-                lived += not killer
-                print(
-                    f"killed  {mutant.name}: {killer}" if killer else f"LIVES   {mutant.name}",
-                    flush=True,
-                )
-    print(f"{len(chosen) - lived} of {len(chosen)} mutants killed")
-    return 1 if lived else 0
+                sampler = getattr(module, f"{out.stem}_{number}").Sampler
+                running.append(begin(tests, mutant, sampler))
+                if len(running) == JOBS:
+                    yield running[0].mutant, first_failure(running.popleft())
+        while running:
+            yield running[0].mutant, first_failure(running.popleft())
+
+
+def rewrite(page: str, killers: dict[str, str]) -> str:
+    """Put what kills each mutant into the page's table; what was not tried stays."""
+    before, after = page.split(BEGIN)[0], page.split(END)[1]
+    known = dict(re.findall(r"^\| ([^|]+) \| `([^|]+)` \|$", page, re.MULTILINE)) | killers
+    text = ""
+    for kind, mutants in KINDS.items():
+        text += f"\n\n| {kind} | noticed by |\n|---|---|"
+        text += "".join(f"\n| {m.name} | `{known.get(m.name) or 'none'}` |" for m in mutants)
+    return f"{before}{BEGIN}{text}\n\n{END}{after}"
+
+
+def main() -> int:
+    """Try the mutants whose name has one of the words, or all."""
+    reader = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    reader.add_argument("words", nargs="*", metavar="WORD")
+    reader.add_argument("--page", action="store_true")
+    given = reader.parse_args()
+    words: list[str] = given.words
+    chosen = [m for m in MUTANTS if not words or any(word in m.name for word in words)]
+    killers: dict[str, str] = {}
+    for mutant, killer in trials(chosen):
+        if mutant:
+            killers[mutant.name] = killer
+            print(f"{mutant.name}: {killer or 'LIVES'}", flush=True)
+    if given.page:
+        PAGE.write_text(rewrite(PAGE.read_text(), killers))
+    killed = sum(map(bool, killers.values()))
+    print(f"{killed} of {len(killers)} mutants killed")
+    return killed < len(killers)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -174,7 +174,6 @@ class Moves {
         const double forth = schedule_.log_of(kSplit, K) - std::log(double(n));
         const double back = schedule_.log_of(kMerge, K + 1) - std::log(double(undo));
         if (!take(head + one_.score - t.score + back - forth)) return false;
-        tracks_.release(k, cut);
         t.length = cut;
         t.score = head;
         finish(one_);
@@ -193,7 +192,6 @@ class Moves {
         const double forth = schedule_.log_of(kMerge, K) - std::log(double(n));
         const double back = schedule_.log_of(kSplit, K - 1) - std::log(double(undo));
         if (!take(one_.score - a.score - b.score + back - forth)) return false;
-        tracks_.release(pair.after, 0);
         replace(pair.before, one_, 0);
         tracks_.remove(pair.after);
         return true;
@@ -205,7 +203,6 @@ class Moves {
     bool extension_before() {
         const int K = tracks_.count(), k = rng_.below(K);
         const Track &t = tracks_[k];
-        if (tracks_.frozen(t) > 0 || t.length == window_.slots()) return false;
         double log_q = 0;
         const int report = picks_.before(t.nodes[0].report, t.nodes[1].report, log_q);
         if (report < 0) return false;
@@ -325,8 +322,6 @@ class Moves {
 
     // Put the proposed tracks in place of the two of a swap, or back.
     void exchange(const Swap &s) {
-        tracks_.release(s.a, s.i);
-        tracks_.release(s.b, s.j);
         std::swap(tracks_[s.a], one_);
         std::swap(tracks_[s.b], two_);
         tracks_.own(s.a, s.i);

@@ -121,7 +121,7 @@ class Tracks {
         own(count() - 1, 0);
     }
 
-    // Drop a track whose reports have been released.
+    // Drop a track whose reports are nobody's or another track's.
     void remove(int k) {
         const int at = live_[k];
         spares_.push_back(std::move(pool_[at]));
