@@ -1,11 +1,11 @@
 """Breaks the sampler of partitions on purpose, a line at a time, and tells which test notices.
 
-Every mutant drops a Hastings term, a gate, or the refresh of something kept. Each is a copy of the
-sampler in a namespace of its own; `tests/test_association_mcmcda_chain.py` runs on it in a process
-of its own, which may crash. The source stays as it is. Exit 1 if a mutant lives or its line is not
-there any more. `make` does not run this: it takes a quarter of an hour. `python scripts/mutants.py
-[WORD ...]` tries those whose name has such a word; `--page` writes what noticed them to
-`docs/concepts/association_mcmcda.md`.
+Every mutant drops a Hastings term, a gate, or the refresh of something kept. All of them are
+compiled into one sampler, whose lines look up a global number to know in which way to be broken;
+`tests/test_association_mcmcda_chain.py` runs on each in a process of its own, which may crash. The
+source stays as it is. Exit 1 if a mutant lives or its line is not there any more. `make` does not
+run this: it takes some minutes. `python scripts/mutants.py [WORD ...]` tries those whose name has
+such a word; `--page` writes what noticed them to `docs/concepts/association_mcmcda.md`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import sysconfig
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -35,17 +34,9 @@ ROOT = Path(__file__).parents[1]
 CORE = ROOT / "src" / "trackfield" / "_core"
 BEGIN, END = "<!-- mutants -->", "<!-- end of mutants -->"
 PAGE = ROOT / "docs" / "concepts" / "association_mcmcda.md"
-COMMON = "nanobind.o"
-JOBS = 3  # compilers, and as many mutants under test
-BATCH = 8  # mutants a compilation
+SOUND = -1  # number of no mutant: the source as it is
+JOBS = 3  # mutants under test at a time
 MOST_S = 90  # of the processor, for the tests of a mutant; the source as it is takes 15
-
-
-DOOR = {  # a function instead of a module; and one kind of belief, the general one, compiles sooner
-    "NB_MODULE(_mcmcda, m)": "void bind(nb::module_ &m)",
-    "std::make_unique<Chain<Round>>": "std::make_unique<Chain<Oblique>>",
-    "std::unique_ptr<Chain<Round>>, ": "",
-}
 
 
 class Mutant(NamedTuple):
@@ -301,12 +292,6 @@ GATES = (
     ),
     Mutant("switch: a head each", "swaps", "if (b <= a || j == 0 ||", "if (b <= a ||"),
     Mutant(
-        "switch: every pair once",
-        "swaps",
-        "if (b <= a || j == 0 ||",
-        "if (b < 0 || b == a || j == 0 ||",
-    ),
-    Mutant(
         "switch: both may follow",
         "swaps",
         "if (w.find(tracks[b].nodes[j - 1].report, tail)) out",
@@ -411,7 +396,7 @@ REFRESHES = (
         "births: sums of touched pairs",
         "births",
         "for (const int32_t h : window_.before(i)) stale_[h] = 1;",
-        "",
+        ";",
     ),
     Mutant(
         "births: sums at the start",
@@ -507,68 +492,162 @@ KINDS = {
 MUTANTS = [mutant for kind in KINDS.values() for mutant in kind]
 
 
-def sources(mutant: Mutant | None) -> dict[str, str]:
-    """Read the sampler's files, one of them broken; `LookupError` if its line is not there once."""
+def sources() -> dict[str, str]:
+    """Read the files of the sampler."""
     texts = {path.name: path.read_text() for path in CORE.glob("mcmcda*.[ch]pp")}
-    texts["xoshiro.hpp"] = (CORE / "xoshiro.hpp").read_text()
-    for there, here in DOOR.items():
-        if there not in texts["mcmcda.cpp"]:
-            raise LookupError(there)
-        texts["mcmcda.cpp"] = texts["mcmcda.cpp"].replace(there, here)
-    if mutant:
-        name = f"mcmcda_{mutant.file}.hpp"
-        there = texts[name].count(mutant.line)
-        if there != 1 or mutant.line == mutant.broken:
-            raise LookupError(f"{mutant.name}: its line is there {there} times")
-        texts[name] = texts[name].replace(mutant.line, mutant.broken)
-    return texts
+    return texts | {"xoshiro.hpp": (CORE / "xoshiro.hpp").read_text()}
 
 
-def compile_cpp(*what: str) -> None:
-    """Run the compiler; none of our warnings again."""
+class Change(NamedTuple):
+    """Mutant `number` makes `new` of the text from `begin` to `end`, whole statements."""
+
+    number: int
+    begin: int
+    end: int
+    new: str
+
+
+def change(number: int, mutant: Mutant, text: str) -> Change:
+    """Find the statements that a mutant changes; `LookupError` if its line is not there once."""
+    there = text.count(mutant.line)
+    if there != 1 or mutant.line == mutant.broken:
+        raise LookupError(f"{mutant.name}: its line is there {there} times")
+    broken = text.replace(mutant.line, mutant.broken)
+    begin = alike(text, broken)
+    tail = min(
+        alike(text[::-1], broken[::-1]),
+        min(len(text), len(broken)) - begin,
+    )
+    end = len(text) - tail
+    while end > begin and text[end - 1].isspace():
+        end -= 1
+    ends = boundaries(text)
+    begin = max(at for at in ends if at <= begin)
+    end = min(at for at in ends if at >= max(end, begin + 1))
+    return Change(number, begin, end, broken[begin : len(broken) - (len(text) - end)])
+
+
+def alike(one: str, other: str) -> int:
+    """Count the characters that two texts begin with."""
+    pairs = enumerate(zip(one, other, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(one), len(other)))
+
+
+def boundaries(text: str) -> list[int]:
+    """Places after each `;`, `{` and `}` that ends or opens statements."""
+    ends: list[int] = []
+    inside: list[str] = []
+    for found in re.finditer(r"//[^\n]*|[;(){}\[\]]", text):
+        sign, at = found[0], found.start()
+        if sign in "([" or (sign == "{" and (inside or re.search(r"\w$|return $", text[:at][-7:]))):
+            inside.append(sign)
+        elif inside and sign in ")]}":
+            inside.pop()
+        elif not inside and sign in ";{}":
+            ends.append(at + 1)
+    return ends
+
+
+def pieces(text: str) -> list[str]:
+    """Split a statement at the commas that stand in no bracket."""
+    found = [""]
+    depth = 0
+    for sign in text:
+        depth += (sign in "([{") - (sign in ")]}")
+        if sign == "," and not depth:
+            found.append("")
+        else:
+            found[-1] += sign
+    return found
+
+
+def choice(old: str, changed: dict[int, str]) -> str:
+    """Write an expression that is another one in some mutants."""
+    ways = "".join(f"broken == {k} ? ({new}) : " for k, new in changed.items() if new != old)
+    return f"({ways}({old}))"
+
+
+def either(old: str, changed: dict[int, str]) -> str:
+    """Write statements that are others in some mutants."""
+    if declared := re.match(r"\s*(Node|const double|const int) ", old):
+        if declared[1] == "Node":
+            old, *news = (
+                re.sub(r"next(\{.*\})", r"next = Node\1", x) for x in (old, *changed.values())
+            )
+            changed = dict(zip(changed, news, strict=True))
+        parts = zip(pieces(old[:-1]), *(pieces(new[:-1]) for new in changed.values()), strict=True)
+        return (
+            ",".join(
+                part.split(" = ", 1)[0]
+                + " = "
+                + choice(
+                    part.split(" = ", 1)[1],
+                    {k: new.split(" = ", 1)[1] for k, new in zip(changed, news, strict=True)},
+                )
+                for part, *news in parts
+            )
+            + ";"
+        )
+    if old.endswith("{"):
+        inner = re.compile(r"\s*if \((.*)\) \{$", re.DOTALL)
+        conditions = {k: inner.sub(r"\1", new) for k, new in changed.items()}
+        condition = choice(inner.sub(r"\1", old), conditions)
+        return f" if ({condition}) {{"
+    ways = "".join(f" if (broken == {k}) {{ {new} }} else" for k, new in changed.items())
+    return f"{ways} {{ {old} }}"
+
+
+def breakable() -> dict[str, str]:
+    """Write the sampler's files so that `broken`, a global number, makes a mutant of it."""
+    texts = sources()
+    for name, text in texts.items():
+        changes = [
+            change(k, m, text) for k, m in enumerate(MUTANTS) if f"mcmcda_{m.file}.hpp" == name
+        ]
+        groups: list[list[Change]] = []
+        for c in sorted(changes, key=lambda c: (c.begin, -c.end)):
+            if groups and c.begin < max(other.end for other in groups[-1]):
+                groups[-1].append(c)
+            else:
+                groups.append([c])
+        for group in reversed(groups):
+            begin, end = min(c.begin for c in group), max(c.end for c in group)
+            old = text[begin:end]
+            news = {c.number: old[: c.begin - begin] + c.new + old[c.end - begin :] for c in group}
+            texts[name] = texts[name][:begin] + either(old, news) + texts[name][end:]
+    door = "NB_MODULE(_mcmcda, m) {"
+    own = 'NB_MODULE(breakable, m) { m.def("break_line", [](int k) { broken = k; });'
+    if door not in texts["mcmcda.cpp"]:
+        raise LookupError(door)
+    code = texts["mcmcda.cpp"].replace(door, own)
+    return texts | {"mcmcda.cpp": f"inline int broken = -1;\n{code}"}
+
+
+def build(folder: Path) -> ModuleType:
+    """Compile and import the sampler that can be broken."""
+    for name, text in breakable().items():
+        (folder / name).write_text(text)
     include = Path(nanobind.include_dir())
+    out = folder / "breakable.so"
     command = [
-        *("c++", "-std=c++20", "-O1", "-w", "-fPIC", "-fvisibility=hidden"),
+        *(
+            "c++",
+            "-std=c++20",
+            "-O2",
+            "-w",
+            "-shared",
+            "-fPIC",
+            "-fvisibility=hidden",
+            "-DNB_DOMAIN=mutants",
+        ),
         *("-fno-strict-aliasing", "-ffp-contract=off"),
         f"-I{include}",
         f"-I{include.parent / 'ext' / 'robin_map' / 'include'}",
         f"-I{sysconfig.get_paths()['include']}",
+        *(str(folder / "mcmcda.cpp"), str(include.parent / "src" / "nb_combined.cpp")),
+        *("-o", str(out)),
     ]
-    subprocess.run([*command, *what], check=True)  # noqa: S603 - our own files
-
-
-def build(mutants: list[Mutant | None], place: Path) -> Path:
-    """Compile mutants into one module, a submodule each; no two of all may share a namespace."""
-    system = sorted(
-        {
-            line
-            for text in sources(None).values()
-            for line in text.splitlines()
-            if line.startswith("#include <")
-        }
-    )
-    code = ["#include <nanobind/nanobind.h>", *system]
-    doors: list[str] = []
-    place.mkdir()
-    for number, mutant in enumerate(mutants):
-        own = f"{place.name}_{number}"
-        folder = place / own
-        folder.mkdir()
-        for name, text in sources(mutant).items():
-            guard = f"{own}_{name.replace('.', '_')}"  # equal files pass for one of `once`
-            text = text.replace("#pragma once", "")
-            (folder / name).write_text(f"#ifndef {guard}\n#define {guard}\n{text}\n#endif\n")
-        code.append(f'namespace {own} {{\n#include "{own}/mcmcda.cpp"\n}}')
-        doors.append(f'{{ auto s = m.def_submodule("{own}"); {own}::bind(s); }}')
-    code.append(f"NB_MODULE({place.name}, m) {{ {' '.join(doors)} }}")
-    (place / "all.cpp").write_text("\n".join(code))
-    out = place / f"{place.name}.so"
-    compile_cpp("-shared", str(place / "all.cpp"), str(place.parent / COMMON), "-o", str(out))
-    return out
-
-
-def load(out: Path) -> ModuleType:
-    """Import a module from its file."""
+    subprocess.run(command, check=True)  # noqa: S603 - our own files
     spec = importlib.util.spec_from_file_location(out.stem, out)
     if spec is None or spec.loader is None:
         raise ImportError(str(out))
@@ -614,20 +693,21 @@ def choices(mark: pytest.Mark) -> Iterator[tuple[str, Any]]:
 class Trial(NamedTuple):
     """A process that runs the tests with a mutant and writes the name of each before it begins."""
 
-    mutant: Mutant | None
+    number: int
     process: int
     names: int
 
 
-def begin(tests: ModuleType, mutant: Mutant | None, sampler: type) -> Trial:
-    """Run the tests with this sampler until one fails, in a process of its own."""
+def begin(tests: ModuleType, sampler: ModuleType, number: int) -> Trial:
+    """Run the tests on a mutant until one fails, in a process of its own."""
     read, write = os.pipe()
     child = os.fork()
     if child:
         os.close(write)
-        return Trial(mutant, child, read)
+        return Trial(number, child, read)
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S))
-    sys.modules["mcmcda_twin"].Sampler = sampler  # type: ignore[attr-defined]
+    sampler.break_line(number)
+    sys.modules["mcmcda_twin"].Sampler = sampler.Sampler  # type: ignore[attr-defined]
     for case in cases(tests):
         os.write(write, f"{case.label}\n".encode())
         try:
@@ -638,12 +718,10 @@ def begin(tests: ModuleType, mutant: Mutant | None, sampler: type) -> Trial:
 
 
 def first_failure(trial: Trial) -> str:
-    """Name of the first test that failed, or nothing; `RuntimeError` for the source as it is."""
+    """Name of the first test that failed, or nothing."""
     with os.fdopen(trial.names) as lines:
         begun = lines.read().split()
     _, status = os.waitpid(trial.process, 0)
-    if status and not trial.mutant:
-        raise RuntimeError(f"the source as it is fails {begun[-1]}")
     return begun[-1] if status else ""
 
 
@@ -657,26 +735,18 @@ def load_tests() -> ModuleType:
     return tests
 
 
-def trials(chosen: list[Mutant]) -> Iterator[tuple[Mutant | None, str]]:
-    """Mutants with the first test that fails, or nothing; first the source as it is."""
-    own = Path(nanobind.include_dir()).parent / "src" / "nb_combined.cpp"
-    batches: list[list[Mutant | None]] = [[None]]  # the source as it is goes first
-    batches += [[*chosen[start : start + BATCH]] for start in range(0, len(chosen), BATCH)]
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(JOBS) as compilers:
-        compile_cpp("-c", str(own), "-o", str(Path(folder) / COMMON))
-        places = [Path(folder) / f"batch{k}" for k in range(len(batches))]
-        built = compilers.map(build, batches, places)
+def trials(chosen: list[int]) -> Iterator[tuple[int, str]]:
+    """Numbers of mutants with the first test that fails, or nothing."""
+    with tempfile.TemporaryDirectory() as folder:
+        sampler = build(Path(folder))
         tests = load_tests()
         running: deque[Trial] = deque()
-        for batch, out in zip(batches, built, strict=True):
-            module = load(out)
-            for number, mutant in enumerate(batch):
-                sampler = getattr(module, f"{out.stem}_{number}").Sampler
-                running.append(begin(tests, mutant, sampler))
-                if len(running) == JOBS:
-                    yield running[0].mutant, first_failure(running.popleft())
+        for number in chosen:
+            running.append(begin(tests, sampler, number))
+            if len(running) == JOBS:
+                yield running[0].number, first_failure(running.popleft())
         while running:
-            yield running[0].mutant, first_failure(running.popleft())
+            yield running[0].number, first_failure(running.popleft())
 
 
 def rewrite(page: str, killers: dict[str, str]) -> str:
@@ -686,7 +756,7 @@ def rewrite(page: str, killers: dict[str, str]) -> str:
     text = ""
     for kind, mutants in KINDS.items():
         text += f"\n\n| {kind} | noticed by |\n|---|---|"
-        text += "".join(f"\n| {m.name} | `{known.get(m.name) or 'none'}` |" for m in mutants)
+        text += "".join(f"\n| {m.name} | `{known.get(m.name) or 'not run'}` |" for m in mutants)
     return f"{before}{BEGIN}{text}\n\n{END}{after}"
 
 
@@ -697,12 +767,17 @@ def main() -> int:
     reader.add_argument("--page", action="store_true")
     given = reader.parse_args()
     words: list[str] = given.words
-    chosen = [m for m in MUTANTS if not words or any(word in m.name for word in words)]
+    chosen = [
+        k for k, m in enumerate(MUTANTS) if not words or any(word in m.name for word in words)
+    ]
     killers: dict[str, str] = {}
-    for mutant, killer in trials(chosen):
-        if mutant:
-            killers[mutant.name] = killer
-            print(f"{mutant.name}: {killer or 'LIVES'}", flush=True)
+    for number, killer in trials([SOUND, *chosen]):
+        if number == SOUND and killer:
+            print(f"the source as it is fails {killer}")
+            return 1
+        if number != SOUND:
+            killers[MUTANTS[number].name] = killer
+            print(f"{MUTANTS[number].name}: {killer or 'LIVES'}", flush=True)
     if given.page:
         PAGE.write_text(rewrite(PAGE.read_text(), killers))
     killed = sum(map(bool, killers.values()))
