@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
-from trackfield.association.model import USUAL_BIRTHS_PER_S, Reporting, Scene, Targets
+from trackfield.association.model import Reporting, Scene, Targets
 from trackfield.errors import ConfigurationError
-from trackfield.hierarchy.cells import Cells
+from trackfield.hierarchy.cells import OPEN_BIRTHS_PER_S, Cells
 from trackfield.raster import Raster, Region, cell_centres
 
 REGION = Region(0.0, 0.0, 100.0, 80.0)
@@ -45,10 +45,10 @@ def test_groups_that_share_nothing_share_out_the_whole_scene():
             assert sum(share) == pytest.approx(total)
 
 
-def test_groups_share_out_the_usual_births_where_none_are_told():
+def test_groups_share_out_births_where_none_are_told():
     whole = Scene(Reporting(REGION), Targets(births_per_s=None))
     part = Cells(QUARTERS).scene(0, whole, margin_m=0.0)
-    assert part.targets.births_per_s == pytest.approx(USUAL_BIRTHS_PER_S / 4)
+    assert part.targets.births_per_s == pytest.approx(OPEN_BIRTHS_PER_S / 4)
 
 
 def test_a_group_hears_of_the_box_around_its_cell_and_the_margin():

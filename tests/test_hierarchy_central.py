@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from trackfield.raster import Region
 SIDE, STEPS = 100.0, 80
 SCENE = Scene(
     Reporting(Region(0.0, 0.0, SIDE, SIDE), sigma_m=0.4, p_detection=(0.75,), false_per_scan=6.0),
-    Targets(),
+    Targets(births_per_s=0.1),
 )
 QUARTERS = np.array([[25.0, 25.0], [75.0, 25.0], [25.0, 75.0], [75.0, 75.0]])
 
@@ -115,6 +116,16 @@ def test_four_groups_are_as_good_as_one(worlds, central):
     ours = np.array([scored(truth, run(field, scans)) for truth, scans in worlds])
     assert ours[:, 0].mean() <= 1.02 * central[:, 0].mean()
     assert ours[:, 1].mean() <= central[:, 1].mean() + 1.0
+
+
+def test_groups_need_not_be_told_births_that_one_tracker_learns(worlds):
+    scene = replace(SCENE, targets=Targets())
+    field = tracked_field(scene, QUARTERS, tracker=Bernoulli)
+    ours, alone = (
+        np.mean([scored(truth, run(tracker, scans))[0] for truth, scans in worlds])
+        for tracker in (field, Bernoulli(scene))
+    )
+    assert ours <= 1.02 * alone
 
 
 def test_lost_and_late_hand_overs_do_little_harm(worlds, central):

@@ -53,7 +53,7 @@ class DetectSettings:
     births_per_s: float = 0.01
     initial_count: float = 0.1
     temper: float = 0.85
-    confirm: float = 0.9
+    confirm: float = 0.7
     show: float = 0.2
     drop: float = 0.005
     group_size: int = 4

@@ -7,10 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.association.model import USUAL_BIRTHS_PER_S, Scene
+from trackfield.association.model import Scene
 from trackfield.errors import ConfigurationError
 from trackfield.raster import Field, Raster, Region
 from trackfield.types import Matrix, Vector
+
+OPEN_BIRTHS_PER_S = 0.2
+"""Births in the whole region that groups share out where none are told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +72,8 @@ class Cells:
     def scene(self, group: int, whole: Scene, *, margin_m: float) -> Scene:
         """Cut the whole scene to what `group` is told: that of its `region`.
 
-        Births that are None are the usual ones: a group sees too few to learn them, and would take
-        hand-overs that were lost for births.
+        Births that are None are shared out as `OPEN_BIRTHS_PER_S`: a group sees too few to learn
+        them, and would take hand-overs that were lost for births.
         """
         reporting, targets = whole.reporting, whole.targets
         region = self.region(group, reporting.region, margin_m=margin_m)
@@ -83,7 +86,7 @@ class Cells:
             ),
             replace(
                 targets,
-                births_per_s=(USUAL_BIRTHS_PER_S if births is None else births) * born,
+                births_per_s=(OPEN_BIRTHS_PER_S if births is None else births) * born,
                 initial_count=targets.initial_count * born,
             ),
         )
