@@ -34,6 +34,7 @@ ROOMS = (
     "filtering",
     "association",
     "hierarchy",
+    "scheduling",
     "motion",
     "linalg",
     "matching",

@@ -23,9 +23,10 @@ from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian, Matrix, Vector
 
 if __package__:  # run as `python -m tests.golden`
-    from tests import golden_oh
+    from tests import golden_oh, golden_pham
 else:
     import golden_oh
+    import golden_pham
 
 Case = dict[str, Any]
 Answer = dict[str, Any]
@@ -131,6 +132,7 @@ KINDS: dict[str, Callable[[Case], Answer]] = {
     "trilateration_covariance": trilateration_covariance,
     "trilateration_traces": trilateration_traces,
     **golden_oh.KINDS,
+    **golden_pham.KINDS,
 }
 
 

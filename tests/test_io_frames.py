@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trackfield.io.measurements import read_readings, readings_from_columns
-from trackfield.types import Readings, Status, Tracks, Truth
+from trackfield.types import Commands, Mode, Readings, Status, Tracks, Truth
 
 pandas = pytest.importorskip("pandas")
 arrow = pytest.importorskip("pyarrow")
@@ -116,3 +116,16 @@ def test_without_the_extra_it_is_said_how_to_get_it(monkeypatch, form):
     monkeypatch.setattr(importlib, "import_module", import_module)
     with pytest.raises(ImportError, match=r'is missing: pip install "trackfield\[data\]"'):
         getattr(READINGS, form)()
+
+
+def test_commands_say_modes_in_words():
+    commands = Commands(
+        t_s=np.array([0.0, 0.5]),
+        sensor=np.array([1, 0], np.int32),
+        mode=np.array([Mode.SENSING, Mode.MASTER], np.int32),
+        sensor_ids=("A", "B"),
+    )
+    assert len(commands) == 2
+    assert commands.to_numpy()["mode"].tolist() == ["sensing", "master"]
+    assert commands.to_pandas()["sensor_id"].tolist() == ["B", "A"]
+    assert commands.to_arrow().column_names == ["t_s", "sensor_id", "mode"]

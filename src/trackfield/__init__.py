@@ -9,6 +9,7 @@ The flow, in the order of the rooms:
     filtering     belief over time: Kalman filters, mixtures of motions, smoothing
     association   which report belongs to which target, where none is named
     hierarchy     tracking groups side by side: hand-over, fusion of their tracks
+    scheduling    who senses next, so that the network lasts; tracks in, commands out
     pipeline      the stages joined: process / snapshot / restore
     calibration   a run with truth -> the sensors' models
     metrics       tracks against truth

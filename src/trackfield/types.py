@@ -283,7 +283,60 @@ class Tracks:
         return data_frame(self.columns())
 
 
-Table = TypeVar("Table", Readings, Reports, Truth, Tracks)
+class Mode(IntEnum):
+    """What a sensor node does in an interval, by rising power: Pham's s_i in {0, 1, 2, 3}.
+
+    `SLEEPING` keeps its clock only; `ACTIVE` listens, ready to be told; `SENSING` measures and
+    sends; `MASTER` receives what the sensing ones send, filters and schedules.
+    """
+
+    SLEEPING = 0
+    ACTIVE = 1
+    SENSING = 2
+    MASTER = 3
+
+
+MODE_WORDS = tuple(mode.name.lower() for mode in Mode)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Commands:
+    """What sensor nodes are told to do: one row a node whose mode changes; columns (n,).
+
+    `sensor` indexes `sensor_ids`, `mode` holds `Mode`; a node stays in its mode until its next row,
+    and all sleep before the first.
+    """
+
+    t_s: Vector
+    sensor: Indices
+    mode: Indices
+    sensor_ids: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return int(self.t_s.size)
+
+    def columns(self) -> Columns:
+        """Columns as in a file; views, not copies."""
+        return {
+            "t_s": self.t_s,
+            "sensor_id": Names(self.sensor, self.sensor_ids),
+            "mode": Names(self.mode, MODE_WORDS),
+        }
+
+    def to_numpy(self) -> Arrays:
+        """Make arrays of `columns`: names as text."""
+        return arrays(self.columns())
+
+    def to_arrow(self) -> ArrowTable:
+        """Make a `pyarrow.Table` of `columns`; `ImportError` without the extra `data`."""
+        return arrow_table(self.columns())
+
+    def to_pandas(self) -> DataFrame:
+        """Make a `pandas.DataFrame` of `columns`; `ImportError` without the extra `data`."""
+        return data_frame(self.columns())
+
+
+Table = TypeVar("Table", Readings, Reports, Truth, Tracks, Commands)
 
 
 def select_rows(table: Table, rows: NDArray[Any] | slice) -> Table:

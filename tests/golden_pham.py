@@ -1,0 +1,12 @@
+"""Golden cases of Pham's dissertation: geometry, selection, energy, lifetime and the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Case = dict[str, Any]
+Answer = dict[str, Any]
+
+
+KINDS: dict[str, Callable[[Case], Answer]] = {}
