@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from trackfield.network.defaults import settings
-from trackfield.network.site import ReportSettings, Target, TrackerSettings
+from trackfield.network.site import ReportSettings, SchedulingSettings, Target, TrackerSettings
 from trackfield.network.site_file import site_from_toml
 from trackfield.sensing.range import UNCALIBRATED
 
@@ -37,6 +37,7 @@ def test_every_key_of_every_model_and_section_is_told():
     keys |= {f"target.{f.name}" for f in dataclasses.fields(Target)}
     keys |= {f"tracker.{f.name}" for f in dataclasses.fields(TrackerSettings)}
     keys |= {f"reports.{f.name}" for f in dataclasses.fields(ReportSettings)}
+    keys |= {f"scheduling.{f.name}" for f in dataclasses.fields(SchedulingSettings)}
     assert set(found) == keys
     json.dumps({key: one.to_json() for key, one in found.items()}, allow_nan=False)
 
@@ -93,6 +94,8 @@ def test_what_is_left_open_is_told_as_learned_or_derived():
     assert told["network.hop_m"] == ("unlimited", "default")
     assert told["target.lifetime_s"] == ("90", "given")
     assert told["tracker.method"] == ("bernoulli", "default")
+    assert told["scheduling.reach_m"] == ("-", "derived")
+    assert told["scheduling.policy"] == ("accuracy", "default")
     json.dumps({key: one.to_json() for key, one in found.items()}, allow_nan=False)
 
 

@@ -16,6 +16,7 @@ from trackfield.network.site import (
     Group,
     Origin,
     ReportSettings,
+    SchedulingSettings,
     Site,
     Target,
     TrackerSettings,
@@ -95,6 +96,9 @@ def test_every_section_is_read_and_whole_numbers_become_floats():
         [tracker]
         drop_s = 60
         self_calibration = false
+        [scheduling]
+        policy = "soft"
+        bound_m2 = 0.5
         [[sensors]]
         sensor_id = "A"
         x_m = 0
@@ -126,6 +130,7 @@ def test_every_section_is_read_and_whole_numbers_become_floats():
     assert site.sensor_groups == ("west", None)
     assert site.target == Target(motion="cv", accel_sigma_m_s2=1.0, height_m=0.4)
     assert site.tracker == TrackerSettings(drop_s=60.0, self_calibration=False)
+    assert site.scheduling == SchedulingSettings(policy="soft", bound_m2=0.5)
 
 
 def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
@@ -268,6 +273,12 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
         ("[tracker]\nmethod = 'jpda'", ["tracker.method: found 'jpda', expected 'bernoulli', 'ji"]),
         ("[tracker]\nwindow_steps = 0", ["window_steps: found 0, expected a whole number from 1"]),
         ("[tracker]\nwindow_steps = 1.5", ["window_steps: found 1.5, expected a whole number"]),
+        ("[scheduling]\npolicy = 'best'", ["scheduling.policy: found 'best', expected 'accuracy'"]),
+        ("[scheduling]\nsensors = 0", ["scheduling.sensors: found 0, expected a whole number"]),
+        ("[scheduling]\ninterval_s = 0", ["interval_s: found 0, expected a number above 0"]),
+        ("[scheduling]\nnear = 0.5", ["scheduling.near: found 0.5, expected a factor of 1"]),
+        ("[scheduling]\nalpha_deg = 181", ["alpha_deg: found 181, expected degrees from 0 to"]),
+        ("[scheduling]\nsensor = 3", ["found an unknown key; nearest valid one: sensors"]),
         ("[target]\nlifetime_s = 0", ["target.lifetime_s: found 0, expected a number above 0"]),
         ("sensors_file = 's.csv'", ["found both [[sensors]] and sensors_file"]),
     ],

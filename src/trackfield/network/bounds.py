@@ -57,6 +57,18 @@ _BOUNDS = {
     "initial_count": _NOT_NEGATIVE,
     "drop_s": _POSITIVE,
     "window_s": _NOT_NEGATIVE,
+    "scheduling.sensors": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
+    "bound_m2": _POSITIVE,
+    "interval_s": _POSITIVE,
+    "burst": Bound({"ge": 1, "le": 10_000}, "a whole number from 1 to 10000"),
+    "reach_m": _POSITIVE,
+    "near": Bound({"ge": 1.0}, "a factor of 1 or more"),
+    "far": Bound({"ge": 1.0}, "a factor of 1 or more"),
+    "alpha_deg": Bound({"ge": 0.0, "le": 180.0}, "degrees from 0 to 180"),
+    "ahead_s": _NOT_NEGATIVE,
+    "sweep_s": _NOT_NEGATIVE,
+    "hysteresis": _NOT_NEGATIVE,
+    "energy_weight": _NOT_NEGATIVE,
     "window_steps": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
 }
 

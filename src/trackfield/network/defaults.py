@@ -9,10 +9,24 @@ from typing import Any, Literal, NamedTuple
 
 from trackfield.network.channel import Channel
 from trackfield.network.kinds import KINDS, kind_of
-from trackfield.network.site import ReportSettings, Site, Target, TrackerSettings
+from trackfield.network.site import (
+    ReportSettings,
+    SchedulingSettings,
+    Site,
+    Target,
+    TrackerSettings,
+)
 
 Source = Literal["given", "default", "learned", "derived"]
-_DERIVED = frozenset({"reports.region", "reports.step_s"})  # from the data, before they are tracked
+_DERIVED = frozenset(  # from data or sensors, when it is needed
+    {
+        "reports.region",
+        "reports.step_s",
+        "scheduling.bound_m2",
+        "scheduling.reach_m",
+        "scheduling.ahead_s",
+    }
+)
 _OPEN_TARGET = "target.births_per_s"  # what is learned of targets if not given
 
 
@@ -63,6 +77,7 @@ def settings(site: Site) -> Mapping[str, Setting]:
         ("target", site.target, Target()),
         ("tracker", site.tracker, TrackerSettings()),
         ("reports", site.reports, ReportSettings()),
+        ("scheduling", site.scheduling, SchedulingSettings()),
         *([("network", site.network, Channel())] if site.network is not None else []),
     ):
         defaults = asdict(usual)
@@ -80,8 +95,10 @@ def names_of_models(site: Site) -> tuple[str, ...]:
 def _source(name: str, value: object, usual: object) -> Source:
     if value != usual:
         return "given"
+    if value is None and name in _DERIVED:
+        return "derived"
     if value is None and (name.startswith("reports.") or name == _OPEN_TARGET):
-        return "derived" if name in _DERIVED else "learned"
+        return "learned"
     return "default"
 
 

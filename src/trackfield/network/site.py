@@ -16,6 +16,8 @@ from trackfield.types import Matrix
 
 MotionName = Literal["imm", "cv"]
 MethodName = Literal["bernoulli", "jipda", "mcmcda", "gnn", "nearest"]
+PolicyName = Literal["accuracy", "nearest", "soft", "all"]
+WatchName = Literal["empty", "always", "never"]
 Dimensions = Literal[2, 3]
 
 
@@ -83,6 +85,30 @@ class ReportSettings:
     step_s: float | None = None  # between scans
 
 
+@dataclass(frozen=True, slots=True)
+class SchedulingSettings:
+    """Who senses next, and who is awake around the targets.
+
+    `policy` chooses the sensors of a target among those that hear it: those that leave least
+    uncertainty (accuracy), the nearest, as few as keep a bound (soft), or all.
+    """
+
+    policy: PolicyName = "accuracy"
+    sensors: int = 4  # that sense one target; with "soft": at most; with "all" it says nothing
+    bound_m2: float | None = None  # "soft": trace of the position's covariance; None: 3 sigma^2
+    interval_s: float = 1.0  # between commands
+    burst: int = 1  # measurements of which a node that senses tells the mean
+    reach_m: float | None = None  # how far nodes sense; None: what their models say
+    near: float = 1.5  # radius R_1 of the region that is awake, over that of the nearest sensors
+    far: float = 1.8  # radius R_2 of its sector ahead of the target, over the same
+    alpha_deg: float = 36.0  # half the opening of that sector
+    ahead_s: float | None = None  # how long before they are needed nodes wake; None: an interval
+    watch: WatchName = "empty"  # when the border is watched: while nobody is tracked, always, never
+    sweep_s: float = 5.0  # for how long all sense when a run begins, or a search has failed
+    hysteresis: float = 0.2  # how much better another node must be to become master, as a share
+    energy_weight: float = 1.0  # how much nodes with little energy are spared; 0: not at all
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
     """A field of sensors: names, positions (n, 3) [m] (z NaN: the plane of the targets), models.
@@ -111,6 +137,7 @@ class Site:
     )
     reports: ReportSettings = field(default_factory=ReportSettings)
     network: Channel | None = None
+    scheduling: SchedulingSettings = field(default_factory=SchedulingSettings)
 
 
 def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:

@@ -27,6 +27,7 @@ from trackfield.network.site import (
     Group,
     Origin,
     ReportSettings,
+    SchedulingSettings,
     Site,
     Target,
     TrackerSettings,
@@ -273,4 +274,5 @@ def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str)
         target_models={target: of(target) for target in targets},
         reports=ReportSettings(**reports),
         network=Channel(**document["network"]) if "network" in document else None,
+        scheduling=SchedulingSettings(**document.get("scheduling", {})),
     )

@@ -1,8 +1,8 @@
 """The shape of a site's file, derived from the dataclasses.
 
 Names, types and defaults of keys are those of the sensors' kinds (`KINDS`), `Target`,
-`TrackerSettings`, `ReportSettings`, `Channel`, `Origin` and `Group`: a field added there is a key
-here. Only the bounds of values are said elsewhere, in `bounds`.
+`TrackerSettings`, `ReportSettings`, `Channel`, `SchedulingSettings`, `Origin` and `Group`: a field
+added there is a key here. Only the bounds of values are said elsewhere, in `bounds`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,14 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 from trackfield.network.bounds import bound
 from trackfield.network.channel import Channel
 from trackfield.network.kinds import KINDS, Kind
-from trackfield.network.site import Group, Origin, ReportSettings, Target, TrackerSettings
+from trackfield.network.site import (
+    Group,
+    Origin,
+    ReportSettings,
+    SchedulingSettings,
+    Target,
+    TrackerSettings,
+)
 from trackfield.raster import Region
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -105,6 +112,10 @@ SITE_FILE = _section(
         "tracker": (_section("Tracker", _keys_of(TrackerSettings)), {}),
         "reports": (_section("Reports", _keys_of(ReportSettings, section="reports")), {}),
         "network": (_section("Network", _keys_of(Channel)), {}),
+        "scheduling": (
+            _section("Scheduling", _keys_of(SchedulingSettings, section="scheduling")),
+            {},
+        ),
     },
 )
 

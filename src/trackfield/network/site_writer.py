@@ -20,6 +20,7 @@ from trackfield.network.site import (
     Group,
     Origin,
     ReportSettings,
+    SchedulingSettings,
     Site,
     Target,
     TrackerSettings,
@@ -68,6 +69,7 @@ def site_text(site: Site, folder: Path) -> str:
     document["reports"] = _given(asdict(site.reports), ReportSettings)
     if site.network is not None:
         document["network"] = _given(asdict(site.network), Channel)
+    document["scheduling"] = _given(asdict(site.scheduling), SchedulingSettings)
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
     # An empty [reports] says that no sensors are needed, an empty [network] that there is one.
     said = {"network"} if site.sensor_ids else {"network", "reports"}
