@@ -19,7 +19,6 @@ TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, r
         "activation_region",
         "car_motion",
         "master_choice",
-        "network_energy",
         "power_cost",
         "rank_sum_selection",
         "robot_step",

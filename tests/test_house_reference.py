@@ -66,6 +66,7 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Reports": "[reports]",
     "Network": "[network]",
     "Scheduling": "[scheduling]",
+    "Energy": "[energy]",
 }
 # Documented by the keys of the model itself.
 PARTS_OF_MODELS = {f"{kind.capitalize()}Parameters": f"{kind.capitalize()}Model" for kind in KINDS}

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 from trackfield.network.defaults import settings
+from trackfield.network.energy import Energy
 from trackfield.network.site import ReportSettings, SchedulingSettings, Target, TrackerSettings
 from trackfield.network.site_file import site_from_toml
 from trackfield.sensing.range import UNCALIBRATED
@@ -38,6 +39,7 @@ def test_every_key_of_every_model_and_section_is_told():
     keys |= {f"tracker.{f.name}" for f in dataclasses.fields(TrackerSettings)}
     keys |= {f"reports.{f.name}" for f in dataclasses.fields(ReportSettings)}
     keys |= {f"scheduling.{f.name}" for f in dataclasses.fields(SchedulingSettings)}
+    keys |= {f"energy.{f.name}" for f in dataclasses.fields(Energy)}
     assert set(found) == keys
     json.dumps({key: one.to_json() for key, one in found.items()}, allow_nan=False)
 

@@ -69,14 +69,18 @@ _BOUNDS = {
     "sweep_s": _NOT_NEGATIVE,
     "hysteresis": _NOT_NEGATIVE,
     "energy_weight": _NOT_NEGATIVE,
+    "energy.battery_j": _POSITIVE,
     "window_steps": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
 }
 
 
 def bound(section: str, key: str) -> Bound | None:
-    """Bound of a key: that of its section, that of its name, or that of any standard deviation."""
+    """Bound of a key: that of its section, that of its name, or that of all of its sort.
+
+    Standard deviations and all that is spent are not negative.
+    """
     return (
         _BOUNDS.get(f"{section}.{key}")
         or _BOUNDS.get(key)
-        or (_NOT_NEGATIVE if "sigma" in key else None)
+        or (_NOT_NEGATIVE if "sigma" in key or section == "energy" else None)
     )

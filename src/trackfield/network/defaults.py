@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any, Literal, NamedTuple
 
 from trackfield.network.channel import Channel
+from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, kind_of
 from trackfield.network.site import (
     ReportSettings,
@@ -78,6 +79,7 @@ def settings(site: Site) -> Mapping[str, Setting]:
         ("tracker", site.tracker, TrackerSettings()),
         ("reports", site.reports, ReportSettings()),
         ("scheduling", site.scheduling, SchedulingSettings()),
+        ("energy", site.energy, Energy()),
         *([("network", site.network, Channel())] if site.network is not None else []),
     ):
         defaults = asdict(usual)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from trackfield.errors import ConfigurationError
 from trackfield.network.channel import Channel
+from trackfield.network.energy import Energy
 from trackfield.network.kinds import SensorModel, kind_of
 from trackfield.raster import Region
 from trackfield.sensing.range import RangeModel
@@ -138,6 +139,7 @@ class Site:
     reports: ReportSettings = field(default_factory=ReportSettings)
     network: Channel | None = None
     scheduling: SchedulingSettings = field(default_factory=SchedulingSettings)
+    energy: Energy = field(default_factory=Energy)
 
 
 def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from trackfield.errors import ConfigurationError
 from trackfield.network.channel import Channel
+from trackfield.network.energy import Energy
 from trackfield.network.faults import find_faults, nearest, path_text
 from trackfield.network.kinds import KINDS, SensorModel
 from trackfield.network.sensors_file import (
@@ -275,4 +276,5 @@ def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str)
         reports=ReportSettings(**reports),
         network=Channel(**document["network"]) if "network" in document else None,
         scheduling=SchedulingSettings(**document.get("scheduling", {})),
+        energy=Energy(**document.get("energy", {})),
     )

@@ -1,8 +1,9 @@
 """The shape of a site's file, derived from the dataclasses.
 
 Names, types and defaults of keys are those of the sensors' kinds (`KINDS`), `Target`,
-`TrackerSettings`, `ReportSettings`, `Channel`, `SchedulingSettings`, `Origin` and `Group`: a field
-added there is a key here. Only the bounds of values are said elsewhere, in `bounds`.
+`TrackerSettings`, `ReportSettings`, `Channel`, `SchedulingSettings`, `Energy`, `Origin` and
+`Group`: a field added there is a key here. Only the bounds of values are said elsewhere, in
+`bounds`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from trackfield.network.bounds import bound
 from trackfield.network.channel import Channel
+from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, Kind
 from trackfield.network.site import (
     Group,
@@ -116,6 +118,7 @@ SITE_FILE = _section(
             _section("Scheduling", _keys_of(SchedulingSettings, section="scheduling")),
             {},
         ),
+        "energy": (_section("Energy", _keys_of(Energy, section="energy")), {}),
     },
 )
 

@@ -14,6 +14,7 @@ import tomli_w
 from trackfield.errors import InputError
 from trackfield.network.channel import Channel
 from trackfield.network.defaults import names_of_models
+from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, SensorModel, kind_of
 from trackfield.network.sensors_file import read_text, sensors_from_csv
 from trackfield.network.site import (
@@ -70,6 +71,7 @@ def site_text(site: Site, folder: Path) -> str:
     if site.network is not None:
         document["network"] = _given(asdict(site.network), Channel)
     document["scheduling"] = _given(asdict(site.scheduling), SchedulingSettings)
+    document["energy"] = _given(asdict(site.energy), Energy)
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
     # An empty [reports] says that no sensors are needed, an empty [network] that there is one.
     said = {"network"} if site.sensor_ids else {"network", "reports"}
