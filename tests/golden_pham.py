@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from trackfield.network.energy import Energy, network_power
+from trackfield.network.node_index import NodeIndex
+from trackfield.scheduling.activation import Zone, activate
 
 Case = dict[str, Any]
 Answer = dict[str, Any]
@@ -17,6 +21,16 @@ def network_energy(given: Case) -> Answer:
     return {"total": network_power(energy, given["n"], **counts)}
 
 
+def activation_region(given: Case) -> Answer:
+    ticks = 0.5 * np.arange(21)  # the grid of all cases: x = 0, .5 .. 10; y same
+    nodes = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    zone = Zone(given["R1"], given["R2"], np.radians(given["alpha_deg"]))
+    where = np.array([given["O"]], float), np.array([given["heading"]], float)
+    found = activate(NodeIndex(nodes), where[0], headings=where[1], zone=zone)
+    return {"count": len(found.node)}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
+    "activation_region": activation_region,
     "network_energy": network_energy,
 }

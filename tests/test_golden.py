@@ -16,7 +16,6 @@ OURS = [case for case in CASES if case["kind"] in KINDS]
 TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, robots
     "oh.json": {"bottleneck", "min_time_axis", "robust_minmax", "time_to_capture"},
     "wang_pham.json": {
-        "activation_region",
         "car_motion",
         "master_choice",
         "power_cost",
