@@ -35,6 +35,7 @@ ROOMS = (
     "association",
     "hierarchy",
     "scheduling",
+    "pursuit",
     "motion",
     "linalg",
     "matching",

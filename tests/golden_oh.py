@@ -13,6 +13,7 @@ from trackfield.localization import centroid
 from trackfield.localization.detection_cells import cell_likelihood
 from trackfield.metrics import ospa
 from trackfield.network import channel
+from trackfield.pursuit import assignment, robust, steering
 
 Case = dict[str, Any]
 Answer = dict[str, Any]
@@ -75,6 +76,38 @@ def log_posterior_ratio(given: Case) -> Answer:
     return {"log_ratio_to_all_false": [log_ratio(window, w) for w in given["partitions"]]}
 
 
+def min_time_axis(given: Case) -> Answer:
+    state, limit = (given["xi"], given["xidot"]), given["U_p"]
+    return {
+        "u": steering.thrust(*state, limit_m_s2=limit),
+        "T_c": steering.time_to_rest(*state, limit_m_s2=limit),
+    }
+
+
+def time_to_capture(given: Case) -> Answer:
+    offset, velocity = np.split(np.array(given["xi"], float), 2)
+    return {"T_c": steering.time_to_capture(offset, velocity, limit_m_s2=given["U_p"])}
+
+
+def robust_minmax(given: Case) -> Answer:
+    found = robust.robust_thrust(
+        given["eta"],
+        given["etadot"],
+        limit_m_s2=given["U_p"],
+        doubt=robust.Doubt(given["V"], given["Vdot"], given["U_e"]),
+        step_s=given["delta"],
+    )
+    return {"u": found.thrust_m_s2, "worst_T": found.worst_s}
+
+
+def bottleneck(given: Case) -> Answer:
+    costs = np.array(given["C"], float)
+    return {
+        "value": assignment.bottleneck(costs),
+        "greedy_value": assignment.assign(costs, "greedy").last_s,
+    }
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "p_cs": p_cs,
     "delay_pmf": delay_pmf,
@@ -82,4 +115,8 @@ KINDS: dict[str, Callable[[Case], Answer]] = {
     "gospa": gospa,
     "leader_centroid": leader_centroid,
     "log_posterior_ratio": log_posterior_ratio,
+    "min_time_axis": min_time_axis,
+    "time_to_capture": time_to_capture,
+    "robust_minmax": robust_minmax,
+    "bottleneck": bottleneck,
 }
