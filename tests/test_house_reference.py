@@ -60,6 +60,8 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "RangeModel": "[models.NAME], kind = range",
     "SignalModel": "[models.NAME], kind = signal",
     "DetectionModel": "[models.NAME], kind = detection",
+    "BearingModel": "[models.NAME], kind = bearing",
+    "AngularRateModel": "[models.NAME], kind = angular_rate",
     "Group": "[[groups]]",
     "Target": "[target]",
     "Tracker": "[tracker]",
@@ -69,9 +71,10 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Energy": "[energy]",
 }
 # Documented by the keys of the model itself.
-PARTS_OF_MODELS = {f"{kind.capitalize()}Parameters": f"{kind.capitalize()}Model" for kind in KINDS}
+TITLES = {kind: kind.title().replace("_", "") for kind in KINDS}
+PARTS_OF_MODELS = {f"{title}Parameters": f"{title}Model" for title in TITLES.values()}
 PARTS_OF_MODELS |= {
-    f"{k.capitalize()}Target": f"{k.capitalize()}Model" for k in KINDS if KINDS[k].tagged
+    f"{title}Target": f"{title}Model" for kind, title in TITLES.items() if KINDS[kind].tagged
 }
 
 

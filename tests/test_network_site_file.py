@@ -26,9 +26,13 @@ from trackfield.network.site_file import load_site, site_from_toml
 from trackfield.network.site_schema import MODELS, site_schema
 from trackfield.network.site_writer import relative_path, site_text, write_site
 from trackfield.raster import Region
+from trackfield.sensing.angular_rate import AngularRateModel
+from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.sensing.signal import SignalModel
+
+ANY_KIND = "'range', 'signal', 'detection', 'bearing' or 'angular_rate'"
 
 SENSORS = """
 [[sensors]]
@@ -162,11 +166,11 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
         ("groups = 3", ["groups: found 3, expected a list"]),
         (
             "[models.m]\nbias_m = 1",
-            ["models.m.kind: found nothing, expected 'range', 'signal' or 'detection'"],
+            [f"models.m.kind: found nothing, expected {ANY_KIND}"],
         ),
         (
             "[models.m]\nkind = 'rssi'",
-            ["models.m.kind: found 'rssi', expected 'range', 'signal' or 'detection'"],
+            [f"models.m.kind: found 'rssi', expected {ANY_KIND}"],
         ),
         (
             "[models.m]\nkind = 'range'\nbias = 1",
@@ -216,7 +220,7 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
             "[[groups]]\nid = 'g'\nx_m = 0\ny_m = 0\n" * 2,
             ["groups[2].id: found 'g' a second time"],
         ),
-        ("[models.m]\nkind = 3", ["models.m.kind: found 3, expected 'range', 'signal' or"]),
+        ("[models.m]\nkind = 3", [f"models.m.kind: found 3, expected {ANY_KIND}"]),
         ("[models]\nm = 3", ["models.m: found 3, expected a table"]),
         (
             "[models.m]\nkind = 'signal'\nbias_m = 1",
@@ -550,6 +554,13 @@ def of_detections(draw, n):
     return tuple(draw(st.lists(one, min_size=n, max_size=n)))
 
 
+def of_angles(draw, n):
+    one = st.builds(BearingModel, sigma_rad=positive, bias_rad=st.floats(-3, 3))
+    one |= st.builds(AngularRateModel, sigma_rad_s=positive, max_range_m=positive)
+    kind = type(draw(one))
+    return tuple(draw(st.lists(one.filter(lambda m: type(m) is kind), min_size=n, max_size=n)))
+
+
 @st.composite
 def sites(draw):
     ids = draw(st.lists(names, min_size=1, max_size=5, unique=True))
@@ -559,6 +570,7 @@ def sites(draw):
     named = draw(st.lists(st.sampled_from(["uwb", "far"]), min_size=n, max_size=n))
     models = tuple(draw(st.lists(of_ranges, min_size=n, max_size=n)))
     models = draw(st.sampled_from([models, of_signals(draw, n), of_detections(draw, n)]))
+    models = draw(st.just(models) | st.just(of_angles(draw, n)))
     return Site(
         name=draw(names),
         sensor_ids=tuple(ids),

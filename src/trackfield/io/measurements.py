@@ -92,8 +92,9 @@ def _readings(
         sensor = checks.names("sensor_id", sensors)
     kind = checks.one_of("kind", KINDS, what="a kind of reading")
     value = checks.numbers("value")
-    for place, (_, _, (expected, least, binary), *_) in enumerate(KINDS.values()):
-        wrong = (value != 0.0) & (value != 1.0) if binary else value < least
+    for place, (_, _, (expected, least, binary, most), *_) in enumerate(KINDS.values()):
+        outside = (value < least) | (value > most)
+        wrong = (value != 0.0) & (value != 1.0) if binary else outside
         checks.refuse((kind == place) & wrong, "value", expected)
     sigma = checks.numbers("sigma", _SIGMA)
     target = checks.names("target_id", targets, required=False)

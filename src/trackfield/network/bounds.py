@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 
@@ -35,6 +36,9 @@ _BOUNDS = {
     "falloff": _POSITIVE,
     "exponent": _POSITIVE,
     "sigma": _POSITIVE,
+    "sigma_rad": _POSITIVE,
+    "sigma_rad_s": _POSITIVE,
+    "bias_rad": Bound({"ge": -math.pi, "le": math.pi}, "an angle in radians, -pi to pi"),
     "radius_m": _POSITIVE,
     "edge_m": _NOT_NEGATIVE,
     "p_detection": _CHANCE,

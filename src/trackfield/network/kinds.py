@@ -9,20 +9,23 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from trackfield.sensing.angular_rate import AngularRateModel
+from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.sensing.signal import SignalModel
 
-SensorModel = RangeModel | SignalModel | DetectionModel
+SensorModel = RangeModel | SignalModel | DetectionModel | BearingModel | AngularRateModel
 """Parameters of one sensor, of any kind."""
 
 
 class Values(NamedTuple):
-    """What a reading of a kind may be: at least `least`; 0 or 1 only, if `binary`."""
+    """What a reading of a kind may be: `least` to `most`; 0 or 1 only, if `binary`."""
 
     expected: str
     least: float = -math.inf
     binary: bool = False
+    most: float = math.inf
 
 
 class Kind(NamedTuple):
@@ -55,6 +58,18 @@ KINDS: Mapping[str, Kind] = {
     ),
     "signal": Kind(SignalModel, SignalModel(), Values("a finite number")),
     "detection": Kind(DetectionModel, DetectionModel(), Values("0 or 1", binary=True)),
+    "bearing": Kind(
+        BearingModel,
+        BearingModel(),
+        Values("an angle in radians, -2 pi to 2 pi", least=-2.0 * math.pi, most=2.0 * math.pi),
+        tagged=True,
+    ),
+    "angular_rate": Kind(
+        AngularRateModel,
+        AngularRateModel(),
+        Values("a finite number of radians a second"),
+        tagged=True,
+    ),
 }
 
 

@@ -67,7 +67,7 @@ def _keys_of(cls: type, usual: object = None, section: str = "") -> dict[str, tu
 
 def _model_of(name: str, kind: Kind) -> type[BaseModel]:
     """Table of a model: parameters of all its sensors, of single ones, and of pairs with a tag."""
-    title = name.capitalize()
+    title = name.title().replace("_", "")
     parameters = _keys_of(kind.parameters, kind.usual, "models")
     own: dict[str, tuple[Any, Any]] = {
         "sensors": (dict[str, _section(f"{title}Parameters", parameters)], {})

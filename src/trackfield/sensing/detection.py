@@ -156,20 +156,25 @@ def depth(models: DetectionModels, sensors: Matrix, *, positions: Matrix) -> Mat
     `sensors` (n, 2) [m]. `InputError` where shapes do not fit.
     """
     m = as_columns(models)
-    offsets = _offsets(m, sensors, positions)
-    found = np.array(depth_in_disc(offsets, m.radius_m))
-    wedges = m.width < 2.0 * np.pi - 1e-12
-    size = len(sensors)
+    return depth_at(m, _offsets(m, sensors, positions))
+
+
+def depth_at(models: DetectionColumns, offsets: Matrix) -> Matrix:
+    """`depth` (..., n) [m] of targets that stand `offsets` (..., n, 2) [m] from the sensors."""
+    found = np.array(depth_in_disc(offsets, models.radius_m))
+    wedges = models.width < 2.0 * np.pi - 1e-12
+    size = offsets.shape[-2]
     if wedges.any():
         some = np.flatnonzero(np.broadcast_to(wedges, size))
         radius, heading, width = (
-            np.broadcast_to(one, size)[some] for one in (m.radius_m, m.heading, m.width)
+            np.broadcast_to(one, size)[some]
+            for one in (models.radius_m, models.heading, models.width)
         )
         found[..., some] = depth_in_sector(
             offsets[..., some, :], radius, heading=heading, width=width
         )
-    outline = np.broadcast_to(m.outline, size)
-    for number, corners in enumerate(m.outlines):
+    outline = np.broadcast_to(models.outline, size)
+    for number, corners in enumerate(models.outlines):
         some = np.flatnonzero(outline == number)
         found[..., some] = depth_in_polygon(offsets[..., some, :], corners)
     return found

@@ -139,6 +139,15 @@ def variance(
     return v + np.sum((edge[..., None] * single.factors) ** 2 * beyond, -1)
 
 
+def variance_at(models: SignalModels, r: Matrix) -> Matrix:
+    """`variance` (..., n) of readings of one target at distances `r` (..., n) [m], in space too."""
+    h, place = strength(models, r), np.asarray(models.placement_sigma_m)
+    v = models.sigma**2 + (models.sigma_gain * h) ** 2 + (place * slope(models, r)) ** 2
+    limit = np.broadcast_to(models.max_range_m, h.shape)
+    beyond = np.where(place > 0.0, ndtr(-np.abs(r - limit) / np.maximum(place, 1e-12)), 0.0)
+    return v + strength(models, limit) ** 2 * beyond
+
+
 def draw_errors(models: SignalModels, sensors: Matrix, *, rng: np.random.Generator) -> SensorErrors:
     """Draw what is wrong with each of `sensors` (n, 2): gains and places, as `models` say."""
     gain = models.sigma_gain * rng.standard_normal(len(sensors))

@@ -1,0 +1,149 @@
+"""Models of sensors of any kinds, laid out by kind, and the gains of their readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from trackfield.localization.range_likelihood import fisher_weight
+from trackfield.network.kinds import SensorModel
+from trackfield.sensing import angular_rate, bearing, detection, signal
+from trackfield.sensing import range as ranging
+from trackfield.sensing.angular_rate import AngularRateColumns, AngularRateModel
+from trackfield.sensing.bearing import BearingColumns, BearingModel
+from trackfield.sensing.detection import DetectionColumns, DetectionModel
+from trackfield.sensing.range import RangeColumns, RangeModel, constant_variance
+from trackfield.sensing.signal import SignalColumns, SignalModel
+from trackfield.types import Indices, Matrix, Vector
+
+_Columns = RangeColumns | SignalColumns | DetectionColumns | BearingColumns | AngularRateColumns
+_Some = TypeVar("_Some", bound=_Columns)
+_LEAST_PROBABILITY = 1e-3  # a detection is not believed to be surer than this
+_STEP_M = 1e-6  # over which the slope of a region's border is taken
+
+
+class MixedModels(NamedTuple):
+    """Models of n sensors of any kinds: that of sensor i is row `row[i]` of `columns[part[i]]`.
+
+    Made by `mixed`, once for many calls.
+    """
+
+    part: Indices
+    row: Indices
+    columns: tuple[_Columns, ...]
+
+
+def mixed(models: Sequence[SensorModel]) -> MixedModels:
+    """Lay out the models of n sensors by kind.
+
+    `ConfigurationError` for detection models that cannot be, `InputError` for signal models that
+    differ in what belongs to the field.
+    """
+    part, row = np.empty(len(models), np.int32), np.empty(len(models), np.int32)
+    members: dict[type[SensorModel], list[int]] = {}
+    for i, model in enumerate(models):
+        members.setdefault(type(model), []).append(i)
+    for number, places in enumerate(members.values()):
+        part[places], row[places] = number, np.arange(len(places))
+    columns = tuple(_columns([models[i] for i in places]) for places in members.values())
+    return MixedModels(part, row, columns)
+
+
+def taken(models: MixedModels, chosen: Indices) -> MixedModels:
+    """Models of the sensors `chosen` (m,), in that order; one may be taken several times."""
+    return models._replace(part=models.part[chosen], row=models.row[chosen])
+
+
+def gains_at(
+    models: MixedModels, offsets: Matrix, velocities: Matrix | None, *, plane: bool
+) -> Matrix:
+    """Gains (..., n, D) of targets `offsets` (..., n, s) from their sensors.
+
+    `velocities` (..., n, s), or (..., 1, s) for one target, or None where states have none; with
+    `plane` the height is known and no part of the state. See `information.reading_gains`.
+    """
+    s = offsets.shape[-1]
+    d = 2 if plane else s
+    moving = velocities is not None
+    out = np.zeros((*offsets.shape[:-1], 2 * d if moving else d))
+    for number, columns in enumerate(models.columns):
+        places = np.flatnonzero(models.part == number)
+        if not places.size:
+            continue
+        own = _rows(columns, models.row[places])
+        near = offsets[..., places, :]
+        if isinstance(own, AngularRateColumns):
+            if moving:
+                v = np.broadcast_to(velocities, offsets.shape)[..., places, :]
+                full = _of_rates(own, near, v)
+                out[..., places, :d], out[..., places, d:] = full[..., :d], full[..., s : s + d]
+        else:
+            out[..., places, :d] = _of_places(own, near)[..., :d]
+    return out
+
+
+def _columns(models: list[SensorModel]) -> _Columns:
+    """Columns of models that are all of the kind of the first."""
+    match models[0]:
+        case RangeModel():
+            return ranging.columns([m for m in models if isinstance(m, RangeModel)])
+        case SignalModel():
+            return signal.columns([m for m in models if isinstance(m, SignalModel)])
+        case DetectionModel():
+            return detection.columns([m for m in models if isinstance(m, DetectionModel)])
+        case BearingModel():
+            return bearing.columns([m for m in models if isinstance(m, BearingModel)])
+        case AngularRateModel():
+            return angular_rate.columns([m for m in models if isinstance(m, AngularRateModel)])
+
+
+def _rows(columns: _Some, rows: Indices) -> _Some:
+    """Rows of columns; what belongs to the whole field stays."""
+    return columns._make(
+        value[rows] if isinstance(value, np.ndarray) else value for value in columns
+    )
+
+
+def _of_places(
+    columns: RangeColumns | SignalColumns | DetectionColumns | BearingColumns, offsets: Matrix
+) -> Matrix:
+    """Gains (..., m, s) of readings that depend on the place alone."""
+    if isinstance(columns, DetectionColumns):
+        return _of_detections(columns, offsets)
+    r = np.linalg.norm(offsets, axis=-1)
+    heard = r <= columns.max_range_m
+    if isinstance(columns, BearingColumns):
+        return bearing.slope(offsets) * (heard / columns.sigma_rad)[..., None]
+    u = offsets / np.where(r > 0.0, r, 1.0)[..., None]
+    if isinstance(columns, RangeColumns):
+        constant = np.asarray(constant_variance(columns))
+        weight = fisher_weight(1.0 + columns.scale, constant, columns.sigma_scale**2, r)
+        return u * (heard * np.sqrt(weight))[..., None]
+    seen = signal.strength(columns, r) <= columns.saturation
+    steepness = signal.slope(columns, r) / np.sqrt(signal.variance_at(columns, r))
+    return u * (steepness * seen)[..., None]
+
+
+def _of_rates(columns: AngularRateColumns, offsets: Matrix, velocities: Matrix) -> Matrix:
+    heard = np.linalg.norm(offsets, axis=-1) <= columns.max_range_m
+    return angular_rate.slope(offsets, velocities) * (heard / columns.sigma_rad_s)[..., None]
+
+
+def _of_detections(columns: DetectionColumns, offsets: Matrix) -> Matrix:
+    """Gains on the soft edges; a region is flat, whatever the height."""
+    out = np.zeros(offsets.shape)
+    soft = np.flatnonzero(columns.edge_m > 0.0).astype(np.int32)
+    if not soft.size:
+        return out
+    own, plane = _rows(columns, soft), offsets[..., soft, :2]
+    depth = detection.depth_at(own, plane)
+    c = 0.5 + depth / own.edge_m
+    p, q = own.p_detection, own.p_false
+    told = np.clip(p * c + q * (1.0 - c), _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+    scale: Vector = (p - q) / own.edge_m / np.sqrt(told * (1.0 - told)) * (np.abs(c - 0.5) < 0.5)
+    for axis, step in enumerate(_STEP_M * np.eye(2)):
+        rise = detection.depth_at(own, plane + step) - detection.depth_at(own, plane - step)
+        out[..., soft, axis] = scale * rise / (2.0 * _STEP_M)
+    return out
