@@ -10,6 +10,8 @@ import numpy as np
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
 from trackfield.scheduling.activation import Zone, activate
+from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
+from trackfield.scheduling.lifetime_search import rank_order
 
 Case = dict[str, Any]
 Answer = dict[str, Any]
@@ -30,7 +32,27 @@ def activation_region(given: Case) -> Answer:
     return {"count": len(found.node)}
 
 
+def power_cost(given: Case) -> Answer:
+    prices = {"inv": inverse(), "lin": linear(2.0), "exp": exponential()}
+    x = np.array([given["x"]])
+    return {name: energy_cost(x, given["s"], price=p)[0] for name, p in prices.items()}
+
+
+def rank_sum_selection(given: Case) -> Answer:
+    costs, sets = np.array(given["cost"]), np.array(given["feasible_triples"], np.int32)
+    sums = costs[sets].sum(axis=1)
+    paper, best = int(rank_order(costs, sets)[0]), int(np.argmin(sums))
+    return {
+        "rank_sum": sets[paper],
+        "rank_sum_cost": sums[paper],
+        "optimum": sets[best],
+        "optimum_cost": sums[best],
+    }
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "activation_region": activation_region,
     "network_energy": network_energy,
+    "power_cost": power_cost,
+    "rank_sum_selection": rank_sum_selection,
 }

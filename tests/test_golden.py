@@ -18,8 +18,6 @@ TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, r
     "wang_pham.json": {
         "car_motion",
         "master_choice",
-        "power_cost",
-        "rank_sum_selection",
         "robot_step",
         "select_2d",
         "select_3d",
