@@ -9,6 +9,7 @@ import numpy as np
 
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
+from trackfield.scheduling import master
 from trackfield.scheduling.activation import Zone, activate
 from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
 from trackfield.scheduling.lifetime_search import rank_order
@@ -50,9 +51,15 @@ def rank_sum_selection(given: Case) -> Answer:
     }
 
 
+def master_choice(given: Case) -> Answer:
+    cost = master.costs(given["D"], given["Pres"], alpha=given["alpha"])
+    return {"W": cost, "chosen": master.choose(cost, given["current"]).node}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "activation_region": activation_region,
     "network_energy": network_energy,
     "power_cost": power_cost,
     "rank_sum_selection": rank_sum_selection,
+    "master_choice": master_choice,
 }

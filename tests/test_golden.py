@@ -17,7 +17,6 @@ TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, r
     "oh.json": set(),
     "wang_pham.json": {
         "car_motion",
-        "master_choice",
         "robot_step",
         "select_2d",
         "select_3d",
