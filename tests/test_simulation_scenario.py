@@ -163,6 +163,14 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             "sensors.count: found 0 sensors, expected from 1 to 1000000 with layout 'random'",
         ),
         (
+            HEAD + "[sensors]\nlayout = 'hexagonal'\nspacing_m = 99\n[detection]\n",
+            "sensors.spacing_m: found 0 sensors, expected from 1 to 1000000 with layout 'hexagon",
+        ),
+        (
+            HEAD + "[sensors]\nlayout = 'random'\ncount = 1\nspacing_m = 2\n[detection]\n",
+            "sensors.spacing_m: found with layout 'random'; it is for 'grid' and 'hexagonal'",
+        ),
+        (
             HEAD + "[sensors]\ncount = 3\n[detection]\n",
             "sensors.count: found with layout 'grid'; it is for 'random'",
         ),
@@ -177,7 +185,7 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
         ),
         (
             HEAD + "[sensors]\nlayout = 'hexagons'\n[detection]\n",
-            "sensors.layout: found 'hexagons', expected 'grid', 'random' or 'listed'",
+            "sensors.layout: found 'hexagons', expected 'grid', 'hexagonal', 'random' or 'listed'",
         ),
         (
             DETECTION + "[[groups]]\nid = 'a'\nx_m = 11\ny_m = 0\n",

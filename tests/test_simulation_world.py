@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from conftest import ROOT
 from trackfield.errors import ConfigurationError, InputError
 from trackfield.network.channel import Channel
+from trackfield.network.layouts import lattice
 from trackfield.network.site import Group
 from trackfield.network.site_file import site_from_toml
 from trackfield.network.site_writer import site_text
@@ -389,6 +390,11 @@ def test_sensors_stand_as_laid_out_jittered_and_misplaced():
     np.testing.assert_allclose((off.network.positions - off.told).std(), 0.5, rtol=0.15)
     listed = deployed(layout="listed", positions=((1.0, 2.0), (3.0, 4.0)))
     assert listed.told.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    hexagonal = deployed(layout="hexagonal", spacing_m=5.0)
+    np.testing.assert_array_equal(
+        hexagonal.told, lattice(Region(0.0, 0.0, 60.0, 60.0), 5.0, layout="hexagonal")
+    )
+    assert len(hexagonal.sensor_ids) == 13 * 11
     anywhere = deployed(layout="random", count=500)
     assert Region(0.0, 0.0, 60.0, 60.0).contains(anywhere.told).all()
     assert len(anywhere.told) == 500

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from trackfield.errors import ConfigurationError
 from trackfield.network.channel import Channel
+from trackfield.network.layouts import Lattice, lattice, lattice_count, random_places
 from trackfield.network.topology import Network, Routes, lay_out, misplaced
 from trackfield.raster import Region
 from trackfield.simulation.scenario import Scenario
 from trackfield.types import Matrix, Vector
+
+_LATTICES: dict[str, Lattice] = {"grid": "square", "hexagonal": "hexagonal"}
 
 
 class Deployment(NamedTuple):
@@ -53,22 +55,16 @@ def sensor_count(scenario: Scenario) -> int:
     sensors = scenario.sensors
     if sensors is None:
         return 0
-    if sensors.layout == "grid":
-        columns, rows = _grid_shape(scenario, sensors.spacing_m)
-        return columns * rows
-    return sensors.count if sensors.layout == "random" else len(sensors.positions)
+    if sensors.layout == "random":
+        return sensors.count
+    if sensors.layout == "listed":
+        return len(sensors.positions)
+    return lattice_count(scenario.area, sensors.spacing_m, layout=_LATTICES[sensors.layout])
 
 
 def sensor_names(count: int) -> tuple[str, ...]:
     """Names of sensors: s0, s1, ..."""
     return tuple(f"s{i}" for i in range(count))
-
-
-def _grid_shape(scenario: Scenario, spacing_m: float) -> tuple[int, int]:
-    """Columns and rows of a grid: as many as have a square of their own in the region."""
-    x_min, y_min, x_max, y_max = scenario.region
-    columns, rows = (x_max - x_min) / spacing_m, (y_max - y_min) / spacing_m
-    return math.floor(columns + 1e-9), math.floor(rows + 1e-9)
 
 
 def _places(scenario: Scenario, rng: np.random.Generator) -> Matrix:
@@ -77,12 +73,8 @@ def _places(scenario: Scenario, rng: np.random.Generator) -> Matrix:
     if sensors is None or sensors.layout == "listed":
         return np.array(sensors.positions if sensors else (), np.float64).reshape(-1, 2)
     if sensors.layout == "random":
-        return rng.uniform(region[:2], region[2:], (sensors.count, 2))
-    columns, rows = _grid_shape(scenario, sensors.spacing_m)
-    x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-    grid = np.column_stack([x.ravel(), y.ravel()])
-    centre = np.array([columns - 1, rows - 1]) / 2.0
-    return sensors.spacing_m * (grid - centre) + middle_of(region)
+        return random_places(region, sensors.count, rng=rng)
+    return lattice(region, sensors.spacing_m, layout=_LATTICES[sensors.layout])
 
 
 def middle_of(region: Region) -> Vector:

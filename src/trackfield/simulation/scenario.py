@@ -28,7 +28,7 @@ Name = Annotated[str, Field(min_length=1)]
 Point = tuple[Number, Number]  # x, y [m]
 Span = tuple[NotNegative, NotNegative]  # from, to
 
-Layout = Literal["grid", "random", "listed"]
+Layout = Literal["grid", "hexagonal", "random", "listed"]
 Motion = Literal["random", "walk", "crossing", "row"]
 FaultKind = Literal["silent", "burst", "clock_jump", "stuck"]
 Carried = Literal["readings", "reports"]
@@ -37,10 +37,13 @@ Fusion = Literal["fit", "centroid"]
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Where sensors stand: on a grid in the middle of the region, anywhere in it, or as listed."""
+    """Where sensors stand: on a grid in the middle of the region, anywhere in it, or as listed.
+
+    A grid has squares, or is hexagonal: rows shifted by half a spacing, the fewest that cover.
+    """
 
     layout: Layout = "grid"
-    spacing_m: Positive = 5.0  # of a grid
+    spacing_m: Positive = 5.0  # of a grid, square or hexagonal
     count: Count = 0  # of random ones
     positions: tuple[Point, ...] = ()  # of listed ones [m]
     jitter_m: NotNegative = 0.0  # per axis, known: the site says where they stand

@@ -37,7 +37,11 @@ _MOTION_KEYS = {  # of a party, those that concern some motions only
     "heading_deg": {"row"},
     "spacing_m": {"row"},
 }
-_LAYOUT_KEYS = {"spacing_m": {"grid"}, "count": {"random"}, "positions": {"listed"}}
+_LAYOUT_KEYS = {
+    "spacing_m": {"grid", "hexagonal"},
+    "count": {"random"},
+    "positions": {"listed"},
+}
 _FAULT_KEYS = {"factor": {"burst"}, "jump_s": {"clock_jump"}, "value": {"stuck"}}
 _MOST_SENSORS = 1_000_000
 _MOST_TARGETS = 100_000
@@ -128,7 +132,7 @@ def _sensing(scenario: Scenario) -> Iterator[str]:
         yield f"sensors.threshold: found {sensors.threshold:g} without [signal]"
     count = sensor_count(scenario)
     if not 0 < count <= _MOST_SENSORS:
-        expected = {"grid": "spacing_m", "random": "count", "listed": "positions"}[sensors.layout]
+        expected = next(key for key, users in _LAYOUT_KEYS.items() if sensors.layout in users)
         yield (
             f"sensors.{expected}: found {count} sensors, expected from 1 to {_MOST_SENSORS} "
             f"with layout {sensors.layout!r}"
