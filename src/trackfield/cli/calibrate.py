@@ -107,7 +107,7 @@ def calibrate(
 def field_kind(site: Site) -> FieldKind | None:
     """Kind of all sensors of a site, if they name no target; None for ranges.
 
-    `ConfigurationError` where there are several kinds.
+    `ConfigurationError` where there are several kinds, or one that cannot be calibrated yet.
     """
     from trackfield.network.kinds import kind_of
 
@@ -118,6 +118,10 @@ def field_kind(site: Site) -> FieldKind | None:
             return "signal"
         case [] | ["range"]:
             return None
+        case [kind]:
+            found = f"found sensors of kind {kind!r}"
+            expected = "ranges, signals or detections: others cannot be calibrated yet"
+            raise ConfigurationError([f"site {site.name}: {found}, expected {expected}"])
         case kinds:
             found = f"found sensors of kinds {', '.join(kinds)}"
             raise ConfigurationError([f"site {site.name}: {found}, expected one kind"])

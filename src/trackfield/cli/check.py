@@ -87,6 +87,7 @@ def _settings(told: Site, settled: Site) -> dict[str, Setting]:
 
 def _look_at_readings(site: Site, data: Path) -> Look:
     from trackfield.io.measurements import stream_readings
+    from trackfield.network.kinds import untracked
     from trackfield.network.survey import data_problems, empty_survey, surveyed
     from trackfield.pipeline.extent import settled
 
@@ -98,7 +99,11 @@ def _look_at_readings(site: Site, data: Path) -> Look:
     with progress("reading") as moved:
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)
-    problems = [f"{data}: {problem}" for problem in data_problems(survey)]
+    problems = [
+        f"{site.name}: found sensors of kind {kind!r}, whose readings no tracker takes yet"
+        for kind in untracked(site.models)
+    ]
+    problems += [f"{data}: {problem}" for problem in data_problems(survey)]
     if not ranged:
         problems += _scene_problems(site, of_signals=True)
     return Look(site, _numbers(survey), problems)

@@ -147,6 +147,9 @@ def feed_of_file(site: Site, data: Path, seed: int) -> Feed | None:
                 return Feed("signal", seed)
             case ["detection"]:
                 return Feed("detection", seed)
+            case [kind]:
+                found = f"found sensors of kind {kind!r}, whose readings no tracker takes yet"
+                raise ConfigurationError([f"site {site.name}: {found}"])
             case _:
                 expected = "a file, as its sensors are of several kinds"
                 raise ConfigurationError([f"{data}: found a pipe, expected {expected}"])

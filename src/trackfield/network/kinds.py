@@ -6,7 +6,7 @@ A kind that is added is a line in `KINDS` (and bounds of its keys in `bounds`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from trackfield.sensing.angular_rate import AngularRateModel
@@ -32,7 +32,8 @@ class Kind(NamedTuple):
     """A kind of sensor: its parameters, those believed where nothing is told, and its readings.
 
     What a person tells of a parameter settles the doubts that `doubts` names for it. `tagged` kinds
-    name their target, so that a target may have parameters of its own.
+    name their target, so that a target may have parameters of its own. What is not `tracked` counts
+    in bounds and plans only: no tracker takes its readings yet.
     """
 
     parameters: type[SensorModel]
@@ -40,6 +41,7 @@ class Kind(NamedTuple):
     values: Values
     doubts: Mapping[str, tuple[str, ...]] = {}
     tagged: bool = False
+    tracked: bool = True
 
 
 _NOISE = ("correlated_sigma_m", "learn_noise")
@@ -63,12 +65,14 @@ KINDS: Mapping[str, Kind] = {
         BearingModel(),
         Values("an angle in radians, -2 pi to 2 pi", least=-2.0 * math.pi, most=2.0 * math.pi),
         tagged=True,
+        tracked=False,
     ),
     "angular_rate": Kind(
         AngularRateModel,
         AngularRateModel(),
-        Values("a finite number of radians a second"),
+        Values("a finite number"),
         tagged=True,
+        tracked=False,
     ),
 }
 
@@ -76,3 +80,9 @@ KINDS: Mapping[str, Kind] = {
 def kind_of(model: SensorModel) -> str:
     """Name the kind of a model."""
     return next(name for name, kind in KINDS.items() if isinstance(model, kind.parameters))
+
+
+def untracked(models: Iterable[SensorModel]) -> tuple[str, ...]:
+    """Name the kinds among `models` whose readings no tracker takes yet."""
+    kinds = dict.fromkeys(kind_of(model) for model in models)
+    return tuple(kind for kind in kinds if not KINDS[kind].tracked)
