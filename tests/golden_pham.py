@@ -9,7 +9,7 @@ import numpy as np
 
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
-from trackfield.scheduling import master
+from trackfield.scheduling import master, uncertainty
 from trackfield.scheduling.activation import Zone, activate
 from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
 from trackfield.scheduling.lifetime_search import rank_order
@@ -56,10 +56,49 @@ def master_choice(given: Case) -> Answer:
     return {"W": cost, "chosen": master.choose(cost, given["current"]).node}
 
 
+def two_sensor_covariance(given: Case) -> Answer:
+    sigma_m = given["sigma"]
+    theta = uncertainty.two_sensor_covariance(given["phi"], given["alpha"], sigma_m=sigma_m)
+    return {"Theta": theta}
+
+
+def two_sensor_uncertainty(given: Case) -> Answer:
+    angle = np.radians(given["alpha_deg"])
+    return {
+        "half_chord": uncertainty.half_chord(given["RS"], given["d"]),
+        "diag": uncertainty.long_diagonal(given["u"], angle),
+    }
+
+
+def three_sensor_trace_2d(given: Case) -> Answer:
+    best = uncertainty.best_third(given["alpha"])
+    return {
+        "trace": uncertainty.three_sensor_trace(given["alpha"], given["beta"]),
+        "best_beta": best.beta,
+        "best_trace": best.trace,
+    }
+
+
+def three_sensor_trace_3d(given: Case) -> Answer:
+    angles = given["alpha"], given["beta"]
+    return {"trace": uncertainty.three_sensor_trace_3d(*angles, gamma=given["gamma"])}
+
+
+def two_circle_condition(given: Case) -> Answer:
+    near, far, apart = np.array(given["cases"], float).T
+    ok = uncertainty.two_cells(near, far, apart_m=apart, error_m=given["u"])
+    return {"ok": ok.astype(int)}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "activation_region": activation_region,
     "network_energy": network_energy,
     "power_cost": power_cost,
     "rank_sum_selection": rank_sum_selection,
     "master_choice": master_choice,
+    "three_sensor_trace_2d": three_sensor_trace_2d,
+    "three_sensor_trace_3d": three_sensor_trace_3d,
+    "two_circle_condition": two_circle_condition,
+    "two_sensor_covariance": two_sensor_covariance,
+    "two_sensor_uncertainty": two_sensor_uncertainty,
 }

@@ -20,11 +20,6 @@ TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, r
         "robot_step",
         "select_2d",
         "select_3d",
-        "three_sensor_trace_2d",
-        "three_sensor_trace_3d",
-        "two_circle_condition",
-        "two_sensor_covariance",
-        "two_sensor_uncertainty",
     },
 }
 
