@@ -9,7 +9,7 @@ import numpy as np
 
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
-from trackfield.scheduling import master, uncertainty
+from trackfield.scheduling import master, robot, robot_car, uncertainty
 from trackfield.scheduling.activation import Zone, activate
 from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
 from trackfield.scheduling.lifetime_search import rank_order
@@ -90,6 +90,18 @@ def two_circle_condition(given: Case) -> Answer:
     return {"ok": ok.astype(int)}
 
 
+def robot_step(given: Case) -> Answer:
+    link = robot.Link(given["tau_c"], given["tau_s"], given["dtau"])
+    start, target = np.array(given["M"], float), np.array(given["T"], float)
+    return {"M_next": robot.least_move(start, target, reach_m=link.reach_m)}
+
+
+def car_motion(given: Case) -> Answer:
+    car = robot_car.Car(max_speed_m_s=1.0, wheel_base_m=given["L"])
+    controls = {"speed_m_s": given["v"], "steering_rad": given["phi"], "t_s": given["t"]}
+    return {"q": robot_car.moved(given["q0"], car, **controls)}
+
+
 KINDS: dict[str, Callable[[Case], Answer]] = {
     "activation_region": activation_region,
     "network_energy": network_energy,
@@ -101,4 +113,6 @@ KINDS: dict[str, Callable[[Case], Answer]] = {
     "two_circle_condition": two_circle_condition,
     "two_sensor_covariance": two_sensor_covariance,
     "two_sensor_uncertainty": two_sensor_uncertainty,
+    "robot_step": robot_step,
+    "car_motion": car_motion,
 }
