@@ -89,6 +89,27 @@ def position_bound(information: Matrix, dimensions: int | None = None) -> Bound:
     return Bound(covariance, np.asarray(ok & (least > noise)))
 
 
+def placed(
+    site: Site, chosen: Indices | None = None, height_m: float | None = None
+) -> tuple[MixedModels, Matrix, float | None]:
+    """Lay out a site's sensors for `reading_gains`: models, places, and the height of targets.
+
+    Places are (n, 3), or (n, 2) where heights do not count, as `site_gains` says.
+    """
+    every = np.arange(len(site.sensor_ids)) if chosen is None else np.asarray(chosen)
+    positions = site.positions[every]
+    models = mixed([site.models[i] for i in every])
+    if site.target.dimensions == 3:
+        if height_m is not None:
+            raise InputError("found a height of targets on a site in space, expected none")
+        return models, positions, None
+    height_m = site.target.height_m if height_m is None else height_m
+    if height_m is None:
+        return models, positions[:, :2], None
+    z = np.where(np.isfinite(positions[:, 2]), positions[:, 2], height_m)
+    return models, np.column_stack([positions[:, :2], z]), height_m
+
+
 def site_gains(
     site: Site, states: Matrix, *, chosen: Indices | None = None, height_m: float | None = None
 ) -> Matrix:
@@ -98,7 +119,7 @@ def site_gains(
     `height_m`, or at the height that the site knows; without either, heights do not count. A sensor
     without a height stands in the plane of the targets.
     """
-    models, sensors, height_m = _placed(site, chosen, height_m)
+    models, sensors, height_m = placed(site, chosen, height_m)
     return reading_gains(models, sensors, states, height_m=height_m)
 
 
@@ -125,24 +146,6 @@ def site_bound(
     information = site_information(site, states, chosen=chosen, height_m=height_m)
     total = information if prior is None else information + prior
     return position_bound(total, site.target.dimensions)
-
-
-def _placed(
-    site: Site, chosen: Indices | None, height_m: float | None
-) -> tuple[MixedModels, Matrix, float | None]:
-    """Models, places (n, 2) or (n, 3), and the height of targets that goes with them."""
-    every = np.arange(len(site.sensor_ids)) if chosen is None else np.asarray(chosen)
-    positions = site.positions[every]
-    models = mixed([site.models[i] for i in every])
-    if site.target.dimensions == 3:
-        if height_m is not None:
-            raise InputError("found a height of targets on a site in space, expected none")
-        return models, positions, None
-    height_m = site.target.height_m if height_m is None else height_m
-    if height_m is None:
-        return models, positions[:, :2], None
-    z = np.where(np.isfinite(positions[:, 2]), positions[:, 2], height_m)
-    return models, np.column_stack([positions[:, :2], z]), height_m
 
 
 def _each(models: AnyModels, n: int) -> MixedModels:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackfield.localization.range_likelihood import fisher_weight
 from trackfield.network.kinds import SensorModel
@@ -54,6 +55,38 @@ def mixed(models: Sequence[SensorModel]) -> MixedModels:
 def taken(models: MixedModels, chosen: Indices) -> MixedModels:
     """Models of the sensors `chosen` (m,), in that order; one may be taken several times."""
     return models._replace(part=models.part[chosen], row=models.row[chosen])
+
+
+def reach(models: MixedModels) -> Vector:
+    """Distance (n,) [m] beyond which each sensor says nothing; of detections, in the plane."""
+    out = np.empty(len(models.part))
+    for number, columns in enumerate(models.columns):
+        places = np.flatnonzero(models.part == number)
+        far = (
+            detection.reach(columns)
+            if isinstance(columns, DetectionColumns)
+            else columns.max_range_m
+        )
+        out[places] = far[models.row[places]]
+    return out
+
+
+def heard_at(models: MixedModels, offsets: Matrix) -> NDArray[np.bool_]:
+    """Tell which sensors reach targets that stand `offsets` (..., n, s) [m] from them, (..., n).
+
+    A detection reaches to the outer border of its soft edge.
+    """
+    out = np.empty(offsets.shape[:-1], bool)
+    for number, columns in enumerate(models.columns):
+        places = np.flatnonzero(models.part == number)
+        if not places.size:
+            continue
+        own, near = _rows(columns, models.row[places]), offsets[..., places, :]
+        if isinstance(own, DetectionColumns):
+            out[..., places] = detection.depth_at(own, near[..., :2]) >= -0.5 * own.edge_m
+        else:
+            out[..., places] = np.linalg.norm(near, axis=-1) <= own.max_range_m
+    return out
 
 
 def gains_at(
