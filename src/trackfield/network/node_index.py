@@ -72,3 +72,8 @@ class NodeIndex:
         node = np.fromiter(chain.from_iterable(lists), np.int32, int(counts.sum()))
         place = np.repeat(np.arange(len(places), dtype=np.int32), counts)
         return Near(place, node, self.positions[node] - places[place])
+
+    def nearest(self, places: Matrix, *, count: int = 1) -> tuple[Matrix, Indices]:
+        """Distances [m] and numbers, (p, count) each, of the nodes nearest to `places` (p, d)."""
+        distance, node = self._tree.query(places, k=np.arange(1, count + 1))
+        return np.asarray(distance, np.float64), np.asarray(node, np.int32)
