@@ -27,8 +27,13 @@ def value(gains: Matrix, chosen: Set, prior: Matrix, criterion: str) -> float:
 
 
 def best(gains: Matrix, k: int, prior: Matrix, criterion: str) -> Set:
-    sets = combinations(range(len(gains)), k)
-    return max(sets, key=lambda chosen: value(gains, chosen, prior, criterion))
+    sets = list(combinations(range(len(gains)), k))
+    rows = gains[np.array(sets)]
+    roots = np.maximum(np.linalg.eigvalsh(prior + np.swapaxes(rows, 1, 2) @ rows), 1e-300)
+    if criterion == "E":
+        return sets[int(np.argmax(roots[:, 0]))]
+    values = -(1.0 / roots).sum(axis=1) if criterion == "A" else np.log(roots).sum(axis=1)
+    return sets[int(np.argmax(values))]
 
 
 def exchanged(gains: Matrix, k: int, prior: Matrix, criterion: str) -> Set:

@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import selection_twin as twin
+from trackfield._core import _selection
 from trackfield.errors import InputError
 from trackfield.linalg import UNKNOWN_VARIANCE, covariance_of
-from trackfield.scheduling import selection
-from trackfield.scheduling.selection import known, select
+from trackfield.scheduling.criteria import FINE, known
+from trackfield.scheduling.relaxation import dual_bound
+from trackfield.scheduling.selection import select
 
 seeds = st.integers(0, 2**32 - 1)
 criteria = st.sampled_from(["A", "D", "E"])
@@ -46,11 +48,20 @@ def test_a_small_field_has_the_best_of_all_sets(seed, d, criterion, k, with_prio
 
 @given(seeds, st.integers(2, 6), st.sampled_from(["A", "D"]))
 def test_exchanges_are_those_of_the_twin(seed, d, criterion):
-    g = field(seed, 60, d)
-    found = select(g, d + 2, criterion=criterion)
-    assert found.way == "exchanges"
-    assert not found.optimal
-    assert tuple(found.sensors) == twin.exchanged(g, d + 2, np.zeros((d, d)), criterion)
+    g, nothing = field(seed, 60, d), np.zeros((d, d))
+    code = "AD".index(criterion)
+    found = _selection.exchanged(g[None], nothing[None], np.ones(1), d + 2, code, FINE)
+    assert tuple(sorted(found)) == twin.exchanged(g, d + 2, nothing, criterion)
+
+
+@given(seeds, st.integers(2, 4), criteria)
+def test_the_tree_has_the_best_of_all_sets_too(seed, d, criterion):
+    g = field(seed, 14, d)
+    found, nothing = select(g, 6, criterion=criterion), np.zeros((d, d))
+    best = twin.value(g, twin.best(g, 6, nothing, criterion), nothing, criterion)
+    assert found.way == "tree"
+    assert found.optimal
+    assert (-1 if criterion == "A" else 1) * found.value == pytest.approx(best, rel=1e-9)
 
 
 @given(seeds, st.integers(2, 4), criteria, st.sampled_from([8, 60]))
@@ -167,9 +178,20 @@ def test_what_cannot_be_used_is_refused(gains, k, extra, words):
         select(gains, k, **extra)
 
 
-def test_sets_are_compared_up_to_the_limit_and_exchanged_beyond():
-    assert select(field(1, 24, 2), 3).way == "enumeration"
-    over = 50
-    assert over * (over - 1) * (over - 2) / 6 < selection.ENUMERATED
-    assert select(field(1, over, 2), 3).way == "enumeration"
-    assert select(field(1, over + 1, 2), 3).way == "exchanges"
+def test_the_way_is_told_and_the_certificate_where_there_is_a_bound():
+    few, many = select(field(1, 24, 2), 3), select(field(1, 1000, 2), 6)
+    assert few.way == "enumeration"
+    assert few.optimal
+    assert (few.ratio, few.bound, few.certificate) == (1.0, few.value, None)
+    assert many.way == "tree"
+    assert many.optimal
+    assert 1.0 <= many.ratio < 1.05
+    again = dual_bound(field(1, 1000, 2), 6, certificate=many.certificate)
+    assert many.bound == pytest.approx(again, rel=1e-9)
+
+
+def test_where_thousands_are_alike_the_tree_is_given_up_and_the_bound_says_it_does_not_matter():
+    found = select(field(2, 2000, 3, spread=0.0), 6)
+    assert found.way == "exchanges"
+    assert not found.optimal
+    assert found.ratio < 1.002

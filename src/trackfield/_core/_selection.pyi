@@ -6,3 +6,23 @@ def enumerated(
 def exchanged(
     gains: Matrix, priors: Matrix, weights: Vector, k: int, criterion: int, ridge: float, /
 ) -> Indices: ...
+def searched(
+    gains: Matrix,
+    priors: Matrix,
+    weights: Vector,
+    k: int,
+    criterion: int,
+    ridge: float,
+    work: int,
+    /,
+) -> tuple[Indices, float, Matrix, bool]: ...
+def relaxed(
+    gains: Matrix,
+    priors: Matrix,
+    weights: Vector,
+    k: int,
+    criterion: int,
+    ridge: float,
+    tolerance: float,
+    /,
+) -> tuple[Vector, float, float, Matrix]: ...

@@ -3,7 +3,7 @@
 #include <nanobind/ndarray.h>
 
 #include "selection_enumeration.hpp"
-#include "selection_swaps.hpp"
+#include "selection_search.hpp"
 
 namespace nb = nanobind;
 using namespace trackfield::selection;
@@ -11,12 +11,20 @@ using namespace trackfield::selection;
 using InGains = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 using InVector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-static nb::object array(const Set &set) {
-    int32_t *data = new int32_t[set.size() + 1];
-    std::copy(set.begin(), set.end(), data);
-    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<int32_t *>(p); });
-    size_t shape[1] = {set.size()};
-    return nb::cast(nb::ndarray<nb::numpy, int32_t>(data, 1, shape, owner));
+template <class T>
+static nb::object array(const std::vector<T> &values, std::initializer_list<size_t> shape) {
+    T *data = new T[values.size() + 1];
+    std::copy(values.begin(), values.end(), data);
+    nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.begin(), owner));
+}
+
+template <int D>
+static std::vector<double> square(const Packed<D> &m) {
+    std::vector<double> out;
+    for (int i = 0; i < D; ++i)
+        for (int j = 0; j < D; ++j) out.push_back(m.both(i, j));
+    return out;
 }
 
 // Call with a field of the right dimension.
@@ -39,22 +47,23 @@ static auto with_field(const InGains &gains, const InGains &priors, const InVect
     }
 }
 
-static void check(int k, size_t n) {
-    if (k < 1 || size_t(k) > n) throw nb::value_error("1 to n sensors expected");
+static void check(const InGains &gains, int k, bool at_one_place) {
+    if (k < 1 || size_t(k) > gains.shape(1)) throw nb::value_error("1 to n sensors expected");
+    if (at_one_place && gains.shape(0) != 1) throw nb::value_error("gains at one place expected");
 }
 
 static nb::object enumerated(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge) {
-    check(k, gains.shape(1));
+    check(gains, k, false);
     Set best;
     {
         nb::gil_scoped_release release;
         best = with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) { return Enumeration<D>(field, k, ridge).best(); });
     }
-    return array(best);
+    return array(best, {best.size()});
 }
 
 static nb::object exchanged(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge) {
-    check(k, gains.shape(1));
+    check(gains, k, false);
     Set best;
     {
         nb::gil_scoped_release release;
@@ -65,10 +74,53 @@ static nb::object exchanged(InGains gains, InGains priors, InVector weights, int
             return set;
         });
     }
-    return array(best);
+    return array(best, {best.size()});
+}
+
+// Best set, the bound of all sets and the slope that proves it, and whether the set was proved best.
+static nb::tuple searched(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge, int64_t work) {
+    check(gains, k, true);
+    Set best;
+    std::vector<double> slope;
+    double bound = 0;
+    bool complete = false;
+    {
+        nb::gil_scoped_release release;
+        with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) {
+            Found<D> found = search(field, k, ridge, work);
+            best = std::move(found.set);
+            slope = square(found.cut.slope);
+            bound = found.cut.bound;
+            complete = found.complete;
+        });
+    }
+    return nb::make_tuple(array(best, {best.size()}), bound, array(slope, {gains.shape(2), gains.shape(2)}), complete);
+}
+
+// Shares of sensors, the value they reach, the bound of all shares and the slope that proves it.
+static nb::tuple relaxed(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge, double tolerance) {
+    check(gains, k, true);
+    std::vector<double> shares, slope;
+    double value = 0, bound = 0;
+    {
+        nb::gil_scoped_release release;
+        with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) {
+            Limits limits;
+            limits.most[0] = k;
+            Swaps<D> swaps(field, ridge);
+            Relaxed<D> found = relax(field, limits, ridge, tolerance, field.state_of(swaps.greedy(k), ridge)[0]);
+            shares = std::move(found.share);
+            slope = square(found.cut.slope);
+            value = found.value;
+            bound = found.cut.bound;
+        });
+    }
+    return nb::make_tuple(array(shares, {shares.size()}), value, bound, array(slope, {gains.shape(2), gains.shape(2)}));
 }
 
 NB_MODULE(_selection, m) {
     m.def("enumerated", &enumerated);
     m.def("exchanged", &exchanged);
+    m.def("searched", &searched);
+    m.def("relaxed", &relaxed);
 }

@@ -30,7 +30,7 @@ class Enumeration {
     void finish(int first) {
         last_.prepare(states_[k_ - 1]);
         for (int i = first; i < field_.n; ++i) {
-            const double value = last_.with(i);
+            const double value = last_.with(i, value_);
             if (value <= value_) continue;
             value_ = value;
             now_[k_ - 1] = i;

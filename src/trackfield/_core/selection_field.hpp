@@ -37,6 +37,15 @@ struct Field {
                 for (int j = 0; j <= i; ++j) prior[place](i, j) = priors[(size_t(place) * D + i) * D + j];
         }
     }
+    // Some of the sensors, in this order.
+    Field part(const Set &ids) const {
+        Field out(*this, int(ids.size()));
+        for (size_t i = 0; i < ids.size(); ++i) {
+            std::copy_n(gain(ids[i], 0), places * D, out.gains.data() + i * places * D);
+            std::copy_n(&at(ids[i], 0), places, out.outer.data() + i * places);
+        }
+        return out;
+    }
     // Free directions get this little information, so that a set that leaves fewer free is better.
     State<D> start(double ridge) const {
         State<D> state = prior;
@@ -50,11 +59,20 @@ struct Field {
     void add(State<D> &state, int sensor) const {
         for (int s = 0; s < places; ++s) state[s].add(at(sensor, s));
     }
+    State<D> state_of(const Set &set, double ridge) const {
+        State<D> state = start(ridge);
+        for (int32_t i : set) add(state, i);
+        return state;
+    }
     double value(const State<D> &state) const {
         double total = 0;
         for (int s = 0; s < places; ++s) total += weight[s] * merit(state[s], criterion);
         return total;
     }
+
+  private:
+    Field(const Field &whole, int sensors)
+        : n(sensors), places(whole.places), criterion(whole.criterion), gains(size_t(sensors) * places * D), outer(size_t(sensors) * places), weight(whole.weight), prior(whole.prior), scale(whole.scale) {}
 };
 
 // A set, and what each sensor more makes of it.
@@ -65,9 +83,11 @@ class Neighbourhood {
     void prepare(const State<D> &state) {
         for (int s = 0; s < field_.places; ++s) bases_[s].prepare(state[s], field_.criterion);
     }
-    double with(int sensor) const {
+    // Value with one sensor more, or anything less than `floor` if it is that.
+    double with(int sensor, double floor) const {
+        if (field_.places == 1) return field_.weight[0] * bases_[0].with(field_.gain(sensor, 0), field_.at(sensor, 0), floor / field_.weight[0]);
         double total = 0;
-        for (int s = 0; s < field_.places; ++s) total += field_.weight[s] * bases_[s].with(field_.gain(sensor, s), field_.at(sensor, s));
+        for (int s = 0; s < field_.places; ++s) total += field_.weight[s] * bases_[s].with(field_.gain(sensor, s), field_.at(sensor, s), -INFINITY);
         return total;
     }
 

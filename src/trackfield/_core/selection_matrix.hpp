@@ -47,6 +47,15 @@ Packed<D> sum(Packed<D> one, const Packed<D> &other) {
     return one;
 }
 
+// tr A B.
+template <int D>
+double inner(const Packed<D> &one, const Packed<D> &other) {
+    double sum = 0;
+    for (int i = 0; i < D; ++i)
+        for (int j = 0; j <= i; ++j) sum += (i == j ? 1.0 : 2.0) * one(i, j) * other(i, j);
+    return sum;
+}
+
 // Lower triangle L of M = L L', its diagonal inverted; false where M is not positive definite.
 template <int D>
 bool factor(const Packed<D> &m, Packed<D> &l) {
@@ -99,6 +108,14 @@ struct Spectrum {
     }
     double smallest() const { return *std::min_element(roots.begin(), roots.end()); }
     double largest() const { return *std::max_element(roots.begin(), roots.end()); }
+    // The matrix that has these roots on the same axes.
+    Packed<D> with(const std::array<double, D> &others) const {
+        Packed<D> out;
+        for (int i = 0; i < D; ++i)
+            for (int j = 0; j <= i; ++j)
+                for (int a = 0; a < D; ++a) out(i, j) += others[a] * axes[i * D + a] * axes[j * D + a];
+        return out;
+    }
 
   private:
     bool rotate(Packed<D> &m) {

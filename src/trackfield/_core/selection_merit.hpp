@@ -26,6 +26,13 @@ double merit(const Packed<D> &m, Criterion criterion) {
         if (!(det > 0.0)) return kNothing;
         return criterion == Criterion::kTrace ? -(m(0, 0) + m(1, 1)) / det : std::log(det);
     }
+    if constexpr (D == 3) {
+        const double a = m(1, 1) * m(2, 2) - m(2, 1) * m(2, 1), b = m(1, 0) * m(2, 2) - m(2, 0) * m(2, 1), c = m(1, 0) * m(2, 1) - m(2, 0) * m(1, 1);
+        const double det = m(0, 0) * a - m(1, 0) * b + m(2, 0) * c;
+        if (!(det > 0.0)) return kNothing;
+        if (criterion == Criterion::kDeterminant) return std::log(det);
+        return -(a + m(0, 0) * (m(1, 1) + m(2, 2)) - m(1, 0) * m(1, 0) - m(2, 0) * m(2, 0)) / det;
+    }
     Packed<D> l;
     if (!factor(m, l)) return kNothing;
     double value = 0;
@@ -39,7 +46,7 @@ double merit(const Packed<D> &m, Criterion criterion) {
     return value;
 }
 
-// What one sensor more makes of a set: the inverse once, then O(D^2) a sensor.
+// What one sensor more makes of a set: the inverse or the spectrum once, then O(D^2) a sensor.
 template <int D>
 class Base {
   public:
@@ -47,7 +54,13 @@ class Base {
         m_ = information;
         criterion_ = criterion;
         firm_ = false;
-        if (criterion == Criterion::kSmallestRoot || D == 2) return;
+        if (D <= 2) return;
+        if (criterion == Criterion::kSmallestRoot) {
+            const Spectrum<D> spectrum(m_);
+            roots_ = spectrum.roots;
+            axes_ = spectrum.axes;
+            return;
+        }
         Packed<D> l;
         if (!factor(m_, l)) return;
         invert_factor(l);
@@ -56,8 +69,9 @@ class Base {
         firm_ = trace_ * m_.trace() < kFirm;
         if (firm_ && criterion == Criterion::kDeterminant) value_ = merit(m_, criterion);
     }
-    // Merit of M + g g'; outer is g g'.
-    double with(const double *g, const Packed<D> &outer) const {
+    // Merit of M + g g', or anything less than `floor` if it is that; outer is g g'.
+    double with(const double *g, const Packed<D> &outer, double floor) const {
+        if (D > 2 && criterion_ == Criterion::kSmallestRoot && below(g, floor)) return kNothing;
         if (!firm_) return merit(sum(m_, outer), criterion_);
         double step[D], gain = 1.0, square = 0.0;
         for (int i = 0; i < D; ++i) {
@@ -72,10 +86,26 @@ class Base {
 
   private:
     static constexpr double kFirm = 1e8;  // beyond this condition differences of traces lose digits
+
+    // Whether the smallest eigenvalue of M + g g' is below: by the secular equation, without it.
+    bool below(const double *g, double floor) const {
+        double secular = 1.0;
+        int under = 0;
+        for (int a = 0; a < D; ++a) {
+            double along = 0;
+            for (int i = 0; i < D; ++i) along += axes_[i * D + a] * g[i];
+            secular += along * along / (roots_[a] - floor);
+            under += roots_[a] <= floor;
+        }
+        return under > 1 || (under == 1 && !(secular < 0.0));
+    }
+
     Packed<D> m_, inverse_;
     Criterion criterion_ = Criterion::kTrace;
     bool firm_ = false;
     double trace_ = 0, value_ = 0;
+    std::array<double, D> roots_{};
+    std::array<double, D * D> axes_{};
 };
 
 }  // namespace trackfield::selection

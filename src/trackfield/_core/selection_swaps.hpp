@@ -21,7 +21,7 @@ class Swaps {
             double value = -INFINITY;
             for (int i = 0; i < field_.n; ++i) {
                 if (taken_[i]) continue;
-                const double with = near_.with(i);
+                const double with = near_.with(i, value);
                 if (with > value) value = with, best = i;
             }
             taken_[best] = 1;
@@ -43,7 +43,7 @@ class Swaps {
             double found = value + kGain * std::abs(value);
             for (int i = 0; i < field_.n; ++i) {
                 if (taken_[i]) continue;
-                const double with = near_.with(i);
+                const double with = near_.with(i, found);
                 if (with > found) found = with, best = i;
             }
             if (best < 0) continue;

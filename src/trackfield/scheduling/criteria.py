@@ -1,0 +1,99 @@
+"""What a set of sensors leaves unknown: A, D and E of optimal design, and free directions.
+
+What one reading of sensor i says of the target is the information g g', g its row of `gains`: slope
+of the expected reading over the standard deviation of its noise. A set S and a prior P leave
+M = P + sum_{i in S} g_i g_i'. The criteria are A, the trace of M^-1 (the mean squared error, the
+less the better); D, log det M; E, the smallest eigenvalue of M (both the more the better).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackfield.errors import InputError
+from trackfield.linalg import UNKNOWN_VARIANCE
+from trackfield.types import Matrix
+
+Criterion = Literal["A", "D", "E"]
+CRITERIA: tuple[Criterion, ...] = ("A", "D", "E")
+DIMENSIONS = 6  # at most
+FINE, COARSE = 1e-13, 1e-5
+"""Information of free directions in a search, as share of the largest |g|^2: so little that it does
+not count where something is known of all of them, and enough to compare sets where not."""
+
+
+class Known(NamedTuple):
+    """What a set knows: `covariance` (d, d) [m^2], `missing` (m, d) free directions, `value`."""
+
+    covariance: Matrix
+    missing: Matrix
+    value: float
+
+
+def known(gains: Matrix, *, prior: Matrix, criterion: Criterion = "A") -> Known:
+    """Tell what readings with these `gains` (k, d) and the prior (d, d) leave, and its value.
+
+    Directions without information have the variance `UNKNOWN_VARIANCE`, or 1e12 times the least one
+    if that is less, as in `linalg.covariance_of`.
+    """
+    roots, axes = np.linalg.eigh(prior + gains.T @ gains)
+    floor = max(1e-12 * float(roots[-1]), 1.0 / UNKNOWN_VARIANCE)
+    free = roots <= floor
+    kept = np.maximum(roots, floor)
+    covariance = (axes / kept) @ axes.T
+    if criterion == "A":
+        value = float((1.0 / kept).sum())
+    else:
+        value = float(np.log(kept).sum() if criterion == "D" else kept[0])
+    return Known(0.5 * (covariance + covariance.T), axes[:, free].T, value)
+
+
+def ratio(value: float, bound: float, *, criterion: Criterion, d: int) -> float:
+    """How many times the best a value is at most, >= 1: of variances, for D of their mean.
+
+    A, value / bound; D, e^((bound - value) / d); E, bound / value.
+    """
+    if criterion == "A":
+        return value / bound
+    return math.exp((bound - value) / d) if criterion == "D" else bound / value
+
+
+def criterion_code(criterion: Criterion) -> int:
+    """Give the number of a criterion; `InputError` if there is none such."""
+    if criterion not in CRITERIA:
+        raise InputError(f"criterion: found {criterion!r}, expected one of A, D, E")
+    return CRITERIA.index(criterion)
+
+
+def checked(gains: Matrix, prior: Matrix | None) -> tuple[Matrix, Matrix]:
+    """Gains (n, d) and prior (d, d), zero for None, contiguous; `InputError` if they are none."""
+    g = np.ascontiguousarray(gains, float)
+    if g.ndim != 2 or not 1 <= g.shape[1] <= DIMENSIONS:
+        raise InputError(f"gains of shape {g.shape}: expected (n, d), d from 1 to {DIMENSIONS}")
+    finite = np.isfinite(g)
+    if not finite.all():
+        i = int(np.flatnonzero(~finite.all(axis=1))[0])
+        raise InputError(f"gains of sensor {i}: found {g[i].tolist()}, expected finite numbers")
+    d = g.shape[1]
+    return g, np.zeros((d, d)) if prior is None else checked_prior(prior, d)
+
+
+def checked_prior(prior: Matrix, d: int) -> Matrix:
+    """Prior information (d, d), contiguous; `InputError` if it is none."""
+    p = np.ascontiguousarray(prior, float)
+    if p.shape != (d, d) or not np.isfinite(p).all():
+        raise InputError(f"prior of shape {p.shape}: expected finite numbers, ({d}, {d})")
+    slack = 1e-9 * float(np.abs(p).max())
+    if float(np.abs(p - p.T).max()) > slack or float(np.linalg.eigvalsh(p)[0]) < -slack:
+        raise InputError(f"prior: found {p.tolist()}, expected symmetric, positive semidefinite")
+    return p
+
+
+def checked_number(k: int, what: str = "sensors to select") -> int:
+    """Return k >= 1; `InputError` if it is less."""
+    if k < 1:
+        raise InputError(f"{what}: found {k}, expected at least 1")
+    return k
