@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from trackfield.localization.information import reading_gains
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
-from trackfield.scheduling import master, robot, robot_car, uncertainty
+from trackfield.scheduling import master, paper_selection, robot, robot_car, uncertainty
 from trackfield.scheduling.activation import Zone, activate
 from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
 from trackfield.scheduling.lifetime_search import rank_order
+from trackfield.scheduling.selection import select
+from trackfield.sensing.range import RangeModel
 
 Case = dict[str, Any]
 Answer = dict[str, Any]
@@ -54,6 +57,26 @@ def rank_sum_selection(given: Case) -> Answer:
 def master_choice(given: Case) -> Answer:
     cost = master.costs(given["D"], given["Pres"], alpha=given["alpha"])
     return {"W": cost, "chosen": master.choose(cost, given["current"]).node}
+
+
+def select_2d(given: Case) -> Answer:
+    sensors, position = np.array(given["sensors"], float), np.array(given["T"], float)
+    best = select(reading_gains(RangeModel(sigma_m=1.0), sensors, position), 3)
+    return {
+        "exhaustive": best.sensors,
+        "corrected_function2d": paper_selection.function_2d(sensors, position),
+        "greedy": paper_selection.best_pair_and_next(sensors, position, 3),
+        "paper_literal": paper_selection.function_2d(sensors, position, printed=True),
+        "trace_exhaustive": best.value,
+    }
+
+
+def select_3d(given: Case) -> Answer:
+    sensors, position = np.array(given["sensors"], float), np.array(given["T"], float)
+    return {
+        "function3d": paper_selection.function_3d(sensors, position),
+        "exhaustive": select(reading_gains(RangeModel(sigma_m=1.0), sensors, position), 4).sensors,
+    }
 
 
 def two_sensor_covariance(given: Case) -> Answer:
@@ -103,6 +126,8 @@ def car_motion(given: Case) -> Answer:
 
 
 KINDS: dict[str, Callable[[Case], Answer]] = {
+    "select_2d": select_2d,
+    "select_3d": select_3d,
     "activation_region": activation_region,
     "network_energy": network_energy,
     "power_cost": power_cost,
