@@ -90,13 +90,11 @@ def test_levels_are_round_few_and_within_the_values(values):
     assert levels == sorted(set(levels))
     for level in levels:
         assert min(values) < level < max(values)
-        assert f"{level:.6g}".strip("0").replace(".", "").strip("0").split("e")[0] in {
-            "1",
-            "2",
-            "5",
-        }
+        digits = f"{level:.6e}".split("e")[0].rstrip("0").rstrip(".")
+        assert digits in {"1", "1.5", "2", "3", "4", "5", "6", "8"}
 
 
 def test_levels_by_hand():
     assert contour_levels(np.linspace(0.08, 1.5, 1000)) == [0.1, 0.2, 0.5, 1.0]
-    assert contour_levels(np.array([0.3, 0.4])) == []
+    assert contour_levels(np.linspace(0.07, 0.19, 1000)) == [0.08, 0.1, 0.15]
+    assert contour_levels(np.array([0.31, 0.39])) == []

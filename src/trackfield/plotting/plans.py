@@ -15,15 +15,14 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import LogLocator
 
 from trackfield.plotting.style import GREY, NAMED, frame_map, new_figure
 from trackfield.raster import Region
 from trackfield.scheduling.accuracy import AccuracyMap
 from trackfield.types import Matrix, Vector
 
-_LEVELS = (1.0, 2.0, 5.0)  # of contours, times powers of ten
-_MOST_LEVELS = 7
+_COARSE, _FINE = (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # levels of contours
+_FEW_LEVELS, _MOST_LEVELS = 3, 7
 _ELLIPSES = 12  # along the longer side of a map
 _HALO: list[AbstractPathEffect] = [
     withStroke(linewidth=2.0, foreground="white")
@@ -77,10 +76,14 @@ def draw_map(
 
 
 def contour_levels(values: Vector) -> list[float]:
-    """Round numbers 1, 2, 5 times powers of ten that `values` (n,) cross, a few at most."""
+    """Find a few round numbers that `values` (n,) cross: 1, 2, 5 by powers of ten, or between."""
     low, high = (float(np.quantile(values, share)) for share in (0.01, 0.99))
     tens = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    levels = [base * 10.0**ten for ten in tens for base in _LEVELS if low < base * 10.0**ten < high]
+    levels: list[float] = []
+    for bases in (_COARSE, _FINE):
+        if len(levels) < _FEW_LEVELS:
+            every = (float(f"{base:g}e{ten}") for ten in tens for base in bases)
+            levels = [level for level in every if low < level < high]
     return levels[:: max(1, -(-len(levels) // _MOST_LEVELS))]
 
 
@@ -102,6 +105,7 @@ def _draw_errors(axes: Axes, found: AccuracyMap) -> None:
     rms = np.ma.masked_array(found.rms_m.values, ~there)
     known = found.rms_m.values[there]
     low, high = (float(np.quantile(known, share)) for share in (0.01, 0.97))
+    levels = contour_levels(known)
     image = axes.imshow(
         rms,
         norm=LogNorm(low, max(high, 1.2 * low)),
@@ -113,11 +117,9 @@ def _draw_errors(axes: Axes, found: AccuracyMap) -> None:
     )
     figure = axes.get_figure(root=True)
     if figure is not None:
-        ticks = LogLocator(subs=_LEVELS)
-        bar = figure.colorbar(image, ax=axes, shrink=0.8, ticks=ticks, format="{x:g}")
+        bar = figure.colorbar(image, ax=axes, shrink=0.8, ticks=levels or None, format="{x:g}")
         bar.minorticks_off()
         bar.set_label("rms error of a position [m]")
-    levels = contour_levels(known)
     if levels and min(rms.shape) > 1:
         x, y = _axes_of(found)
         lines = axes.contour(x, y, rms, levels=levels, colors="black", linewidths=0.8, zorder=3)
