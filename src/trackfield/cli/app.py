@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from trackfield import __version__
-from trackfield.cli import calibrate, check, data, demo, reproduce, score, simulate, track
+from trackfield.cli import calibrate, check, data, demo, plan, reproduce, score, simulate, track
 from trackfield.cli.output import RunError
 from trackfield.errors import ConfigurationError, TrackfieldError
 
@@ -33,6 +33,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("score")(score.score)
 app.command("check")(check.check)
 app.command("simulate")(simulate.simulate)
+app.command("plan")(plan.plan)
 app.command("data")(data.data)
 app.command("reproduce")(reproduce.reproduce)
 app.command("demo", hidden=True)(demo.demo)
