@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 
 class Answer(NamedTuple):
-    """An object for `--json`; lines, tables and doubts for people; and a picture."""
+    """An object for `--json`; lines, tables and doubts for people; a picture; and if it failed."""
 
     numbers: dict[str, Any]
     lines: Sequence[str]
     tables: Sequence[Table] = ()
     doubts: Sequence[str] = ()
     figure: Callable[[], Figure] | None = None
+    failed: bool = False

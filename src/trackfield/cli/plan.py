@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackfield.cli import plan_field, plan_map, plan_point
 from trackfield.cli.output import Json, check_figure, check_output, emit, say, show_table, warn
 from trackfield.errors import ConfigurationError
 
@@ -31,6 +32,13 @@ def plan(
         str | None,
         typer.Option("--velocity", metavar="VX,VY", help="Of the target, with --at [m/s]."),
     ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="Map of the error: picture, CSV, GeoJSON."),
+    ] = None,
+    cell: Annotated[
+        float | None, typer.Option("--cell", metavar="M", help="Size of the map's cells [m].")
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw the answer.")
     ] = None,
@@ -39,21 +47,27 @@ def plan(
     """Plan the work of SITE's sensors: what they can do, whom to ask, how long they last."""
     from trackfield.network.site_file import load_site
 
-    asked = [name for name, given in (("--at", at),) if given is not None]
+    questions = {"--at": at, "--map": map_file}
+    asked = [name for name, given in questions.items() if given is not None]
     if len(asked) > 1:
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
+    if cell is not None and not 0.0 < cell < float("inf"):
+        raise ConfigurationError([f"--cell: found {cell:g}, expected a size above 0 in metres"])
     if plot is not None:
         check_figure(plot)
         check_output(plot, [site])
     loaded = load_site(site)
+    if not loaded.sensor_ids:
+        raise ConfigurationError([f"{site}: found no sensors, expected some whose work is planned"])
     if at is not None:
-        from trackfield.cli import plan_point
-
         answer = plan_point.answer(
             loaded, at, sensors=sensors, criterion=criterion, velocity=velocity
         )
+    elif map_file is not None:
+        plan_map.check_map(map_file, [site])
+        answer = plan_map.answer(loaded, map_file, sensors=sensors, cell_m=cell)
     else:
-        raise ConfigurationError(["expected a question"])
+        answer = plan_field.answer(loaded, cell_m=cell)
     tell(answer, plot, as_json=as_json)
 
 
@@ -67,10 +81,12 @@ def tell(answer: Answer, plot: Path | None, *, as_json: bool) -> None:
         warn(doubt)
     if as_json:
         emit({**answer.numbers, "warnings": list(answer.doubts)})
-        return
-    for line in answer.lines:
-        say(line)
-    for table in answer.tables:
-        show_table(table.columns, table.rows, title=table.title)
-    if plot is not None:
-        say(f"{plot}: drawn")
+    else:
+        for line in answer.lines:
+            say(line)
+        for table in answer.tables:
+            show_table(table.columns, table.rows, title=table.title)
+        if plot is not None:
+            say(f"{plot}: drawn")
+    if answer.failed:
+        raise typer.Exit(1)

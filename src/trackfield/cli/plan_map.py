@@ -2,73 +2,118 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from trackfield.cli.answers import Answer
 from trackfield.cli.output import check_figure, check_output
 from trackfield.errors import ConfigurationError
-from trackfield.experiments.results import Table
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.raster import Region
-    from trackfield.scheduling.accuracy import AccuracyMap
+    from trackfield.scheduling.accuracy import AccuracyMap, Choose
 
-DATA = (".csv", ".ndjson", ".parquet", ".geojson")
+TABLES = (".csv", ".ndjson", ".parquet", ".geojson")
 _CELLS = 120  # along the longer side, if nobody asks for a size
 
 
-def check_map(path: Path, inputs: list[Path]) -> None:
+def check_map(path: Path, inputs: Sequence[Path]) -> None:
     """Refuse, before the work, a map that could not be written after it."""
-    if path.suffix.lower() not in DATA:
+    if path.suffix.lower() not in TABLES:
         check_figure(path)
-    check_output(path, inputs)
+    check_output(path, list(inputs))
 
 
-def answer(site: Site, path: Path | None, *, sensors: int | None, cell_m: float | None) -> Answer:
-    """Map the bound over the site's region, of all sensors in reach or of the best `sensors`."""
-    from trackfield.plotting.plans import plot_map
-    from trackfield.scheduling.accuracy import accuracy_map, summary
-    from trackfield.scheduling.selection import select
+def answer(site: Site, path: Path, *, sensors: int | None, cell_m: float | None) -> Answer:
+    """Map the bound over the site's region: of all sensors in reach, or of the best `sensors`."""
+    found = mapped(site, cell_m=cell_m, choose=_best(sensors))
+    who = "all sensors in reach" if sensors is None else f"the best {sensors} in reach"
+    told = accuracy_numbers(found)
+    if path.suffix.lower() in TABLES:
+        _write(path, found, site)
+    else:
+        from trackfield.plotting.plans import plot_map
+        from trackfield.plotting.style import save
+
+        title = f"{site.name}: rms error, one reading of each of {who}"
+        save(plot_map(found, site.positions[:, :2], names=site.sensor_ids, title=title), path)
+    lines = [f"one reading of each of {who}:", *accuracy_lines(told), f"{path}: written"]
+    numbers = {**told, "readings_of": sensors or "all", "file": str(path)}
+    return Answer(numbers, lines, doubts=accuracy_doubts(told))
+
+
+def mapped(
+    site: Site, *, cell_m: float | None, choose: Choose | None = None, cells: int = _CELLS
+) -> AccuracyMap:
+    """Map the bound over the site's region, in `cells` along its longer side, or of `cell_m`."""
+    from trackfield.scheduling.accuracy import accuracy_map
 
     area = region_of(site)
-    cell = max(area.x_max - area.x_min, area.y_max - area.y_min) / _CELLS if not cell_m else cell_m
-    choose = None if sensors is None else lambda gains: select(gains, sensors).sensors  # pyright: ignore
-    found = accuracy_map(site, area, cell_m=cell, choose=choose)
-    who = "all sensors in reach" if sensors is None else f"the best {sensors} in reach"
-    if path is not None and path.suffix.lower() in DATA:
-        _write(path, found, site)
+    side = max(area.x_max - area.x_min, area.y_max - area.y_min)
+    return accuracy_map(site, area, cell_m=cell_m or side / cells, choose=choose)
+
+
+def region_of(site: Site) -> Region:
+    """Region that a site tells, or that its sensors span."""
+    from trackfield.pipeline.scene import watched
+
+    area = watched(site)
+    if area is None:
+        problem = (
+            f"site {site.name}: reports.region: found nothing and no sensors that span a region, "
+            "expected [x_min, y_min, x_max, y_max] in metres"
+        )
+        raise ConfigurationError([problem])
+    return area
+
+
+def accuracy_numbers(found: AccuracyMap) -> dict[str, Any]:
+    """Put a map into a few numbers, as they are told in JSON."""
+    from trackfield.scheduling.accuracy import summary
+
     told = summary(found)
     rms = told.rms_m
-    numbers = {
-        "region_m": list(area),
-        "cell_m": cell,
-        "readings_of": "all" if sensors is None else sensors,
+    return {
+        "region_m": list(found.rms_m.region),
+        "cells": list(found.rms_m.values.shape),
         "undetermined": told.undetermined,
         "rms_m": None if rms is None else dict(zip(("median", "q95", "worst"), rms, strict=True)),
-        "covered": dict(zip(("least", "mean", "most"), told.covered, strict=True)),
+        "in_reach": dict(zip(("least", "mean", "most"), told.covered, strict=True)),
     }
+
+
+def accuracy_lines(told: dict[str, Any]) -> list[str]:
+    """Say such numbers."""
+    reach, rms = told["in_reach"], told["rms_m"]
     lines = [
-        f"{area.x_max - area.x_min:g} x {area.y_max - area.y_min:g} m, one reading each of {who}:"
+        f"  in reach of a place: {reach['mean']:.1f} sensors on average, {reach['least']} to "
+        f"{reach['most']}"
     ]
     if rms is not None:
-        lines.append(f"  rms error: median {rms[0]:.3g} m, 95 % below {rms[1]:.3g} m")
-    lines.append(
-        f"  sensors in reach: {told.covered[1]:.1f} on average, {told.covered[0]} to "
-        f"{told.covered[2]}"
-    )
-    doubts = []
-    if told.undetermined:
-        doubts.append(f"no position follows in {100 * told.undetermined:.3g} % of the region")
-    title = f"{site.name}: rms error of one reading each of {who}"
-    return Answer(
-        numbers,
-        lines,
-        doubts=doubts,
-        figure=lambda: plot_map(
-            found, site.positions[:, :2], names=site.sensor_ids, title=title
-        ),
-    )
+        middle, most = rms["median"], rms["q95"]
+        lines.append(f"  rms error: median {middle:.3g} m, 95 % of the region below {most:.3g} m")
+    return lines
+
+
+def accuracy_doubts(told: dict[str, Any]) -> list[str]:
+    """Say where no position follows."""
+    free = told["undetermined"]
+    said = f"no position follows in {100.0 * free:.3g} % of the region: too few sensors in reach"
+    return [said] if free else []
+
+
+def _best(sensors: int | None) -> Choose | None:
+    if sensors is None:
+        return None
+    from trackfield.scheduling.selection import select
+
+    return lambda gains: select(gains, sensors).sensors
+
+
+def _write(path: Path, found: AccuracyMap, site: Site) -> None:
+    from trackfield.io.rasters import write_rasters
+    from trackfield.scheduling.accuracy import by_name
+
+    write_rasters(path, by_name(found), origin=site.origin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,16 +13,16 @@ from trackfield.experiments.results import Table
 if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.scheduling.point import PointPlan
-    from trackfield.scheduling.selection import Criterion
     from trackfield.types import Vector
+
 
 def answer(
     site: Site, at: str, *, sensors: int | None, criterion: str, velocity: str | None
 ) -> Answer:
     """Select sensors for a target at `at`, numbers with commas."""
     from trackfield.plotting.choices import plot_choice
+    from trackfield.scheduling.criteria import CRITERIA
     from trackfield.scheduling.point import plan_point
-    from trackfield.scheduling.selection import CRITERIA
 
     if criterion not in CRITERIA:
         expected = "one of A (mean squared error), D (volume), E (worst direction)"
@@ -30,13 +30,14 @@ def answer(
     place = numbers_of("--at", at, site.target.dimensions)
     speed = None if velocity is None else numbers_of("--velocity", velocity, place.size)
     k = site.scheduling.sensors if sensors is None else sensors
-    plan = plan_point(site, place, k, criterion=cast("Criterion", criterion), velocity=speed)
+    plan = plan_point(site, place, k, criterion=criterion, velocity=speed)
     return Answer(
         _numbers(site, plan, criterion),
         _lines(plan, criterion),
         [_table(site, plan)] if plan.chosen.size else [],
         _doubts(plan, k),
         lambda: plot_choice(site, plan),
+        failed=not plan.selection.determined,
     )
 
 
@@ -65,6 +66,8 @@ def _numbers(site: Site, plan: PointPlan, criterion: str) -> dict[str, object]:
         "covariance_m2": selection.covariance.tolist() if selection.determined else None,
         "optimal": selection.optimal,
         "way": selection.way,
+        "bound": selection.bound,
+        "ratio": selection.ratio,
         "nearest_rms_m": None if len(plan.nearest.missing) else _rms(plan.nearest.covariance),
         "all_rms_m": None if len(plan.all.missing) else _rms(plan.all.covariance),
         "unknown_directions": selection.missing.tolist(),
@@ -74,8 +77,8 @@ def _numbers(site: Site, plan: PointPlan, criterion: str) -> dict[str, object]:
 def _table(site: Site, plan: PointPlan) -> Table:
     distance = dict(zip(plan.reach.tolist(), plan.distance_m.tolist(), strict=True))
     rows: list[tuple[str, ...]] = []
-    for i in plan.chosen.tolist():
-        x, y = site.positions[i, :2]
+    for i in map(int, plan.chosen):
+        x, y = site.positions[i, :2].tolist()
         rows.append((site.sensor_ids[i], f"{x:.2f}", f"{y:.2f}", f"{distance[i]:.2f}"))
     return Table("", ("sensor", "x [m]", "y [m]", "distance [m]"), tuple(rows))
 
@@ -85,7 +88,12 @@ def _lines(plan: PointPlan, criterion: str) -> list[str]:
     place = ", ".join(f"{value:g}" for value in plan.position)
     said = [f"at ({place}) m: {plan.reach.size} sensors in reach"]
     if plan.selection.determined:
-        way = "no other set is better" if plan.selection.optimal else "found by exchanges"
+        within = 100.0 * (plan.selection.ratio - 1.0)
+        way = (
+            "no other set is better"
+            if plan.selection.optimal
+            else f"no other is better by more than {within:.2g} % in the criterion"
+        )
         said.append(
             f"  rms error {_rms(plan.selection.covariance):.3g} m with these "
             f"{plan.chosen.size} ({criterion}-optimal; {way})"

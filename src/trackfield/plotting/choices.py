@@ -35,8 +35,9 @@ def _draw_field(axes: Axes, site: Site, plan: PointPlan) -> None:
     chosen = site.positions[plan.chosen, :2]
     axes.plot(*chosen.T, "o", color=PALETTE[1], ms=8, label="chosen")
     if plan.chosen.size <= NAMED:
-        for i, place in zip(plan.chosen, chosen, strict=True):
-            axes.annotate(site.sensor_ids[i], place, (4, 4), textcoords="offset points", fontsize=8)
+        for i, (px, py) in zip(map(int, plan.chosen), chosen.tolist(), strict=True):
+            name, offset = site.sensor_ids[i], (4, 4)
+            axes.annotate(name, (px, py), offset, textcoords="offset points", fontsize=8)
     axes.plot(x, y, "x", color="black", ms=10, mew=2, label="target")
     axes.legend(loc="best", fontsize=8)
 

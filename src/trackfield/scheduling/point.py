@@ -9,7 +9,8 @@ import numpy as np
 from trackfield.errors import InputError
 from trackfield.localization.information import site_gains
 from trackfield.network.site import Site
-from trackfield.scheduling.selection import Criterion, Known, Selection, known, select
+from trackfield.scheduling.criteria import Criterion, Known, known
+from trackfield.scheduling.selection import Selection, select
 from trackfield.types import Indices, Matrix, Vector
 
 

@@ -1,0 +1,221 @@
+"""`trackfield plan`: whom to ask, maps, what the field can do; faults are said in one line."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import cli_runs
+from trackfield.errors import InputError
+from trackfield.localization.information import site_gains
+from trackfield.network.site_file import load_site
+from trackfield.scheduling.point import plan_point
+
+SITE = """
+[site]
+name = "yard"
+[models.uwb]
+kind = "range"
+bias_m = 0
+scale = 0
+sigma_m = 0.1
+max_range_m = 8
+[reports]
+region = [0, 0, 12, 10]
+"""
+
+
+@pytest.fixture
+def call(capsys):
+    return cli_runs.caller(capsys)
+
+
+@pytest.fixture
+def site(tmp_path):
+    rng = np.random.default_rng(4)
+    places = rng.uniform(0.0, 10.0, (24, 2)).round(3)
+    rows = [f"s{i},{x},{y}\n" for i, (x, y) in enumerate(places.tolist())]
+    (tmp_path / "sensors.csv").write_text("sensor_id,x_m,y_m\n" + "".join(rows))
+    path = tmp_path / "site.toml"
+    path.write_text(SITE.replace('name = "yard"', 'name = "yard"\nsensors_file = "sensors.csv"'))
+    return path
+
+
+def test_a_point_names_the_best_sensors_of_all_sets(call, site):
+    done = call("plan", site, "--at", "5,5", "-k", 3, "--json")
+    assert (done.code, done.err) == (0, "")
+    told, loaded = done.json, load_site(site)
+    assert len(told["sensors"]) == 3
+    assert told["optimal"]
+    gains = site_gains(loaded, np.array([5.0, 5.0]))
+    best = min(
+        np.trace(np.linalg.inv(gains[list(s)].T @ gains[list(s)]))
+        for s in np.array(np.meshgrid(*[range(24)] * 3)).reshape(3, -1).T
+        if s[0] < s[1] < s[2] and np.linalg.matrix_rank(gains[list(s)]) == 2
+    )
+    assert told["value"] == pytest.approx(best, rel=1e-9)
+    assert told["rms_m"] == pytest.approx(np.sqrt(best))
+    assert told["all_rms_m"] < told["rms_m"] <= told["nearest_rms_m"]
+
+
+def test_a_point_is_told_in_words_and_drawn(call, site, tmp_path):
+    done = call("plan", site, "--at", "5,5", "--plot", tmp_path / "choice.png")
+    assert done.code == 0
+    assert "sensors in reach" in done.out
+    assert "rms error" in done.out
+    assert (tmp_path / "choice.png").stat().st_size > 10_000
+
+
+def test_a_point_that_nobody_sees_is_told_and_fails(call, site, tmp_path):
+    done = call("plan", site, "--at", "40,5", "--plot", tmp_path / "none.png")
+    assert done.code == 1
+    assert "found 0 sensors in reach, expected 4" in done.err
+    assert "no reading tells where the target is along" in done.err
+    assert (tmp_path / "none.png").exists()
+    told = call("plan", site, "--at", "40,5", "--json")
+    assert told.code == 1
+    assert told.json["rms_m"] is None
+    assert told.json["all_rms_m"] is None
+
+
+def test_sensors_in_line_with_the_target_leave_a_direction_free(call, tmp_path):
+    path = tmp_path / "line.toml"
+    rows = [f'[[sensors]]\nsensor_id = "{n}"\nx_m = {n}\ny_m = 0\n' for n in range(4)]
+    path.write_text('[models.r]\nkind = "range"\n' + "".join(rows))
+    done = call("plan", path, "--at", "1.5,0", "--json")
+    assert done.code == 1
+    assert not done.json["determined"]
+    np.testing.assert_allclose(np.abs(done.json["unknown_directions"]), [[0.0, 1.0]], atol=1e-9)
+
+
+def test_angular_rates_tell_of_a_target_whose_velocity_is_given(call, tmp_path):
+    path = tmp_path / "rates.toml"
+    rows = [
+        f'[[sensors]]\nsensor_id = "{n}"\nx_m = {x}\ny_m = {y}\n'
+        for n, (x, y) in enumerate([(0, 0), (9, 1), (4, 8)])
+    ]
+    path.write_text('[models.r]\nkind = "angular_rate"\n' + "".join(rows))
+    assert call("plan", path, "--at", "4,3").code == 1
+    done = call("plan", path, "--at", "4,3", "--velocity", "1,0.5", "--json")
+    assert done.code == 0
+    assert done.json["determined"]
+
+
+def test_targets_at_a_known_height_are_farther(site):
+    loaded = load_site(site)
+    high = replace(
+        loaded,
+        target=replace(loaded.target, height_m=3.0),
+        positions=np.column_stack([loaded.positions[:, :2], np.zeros(24)]),
+    )
+    flat, above = (plan_point(one, np.array([5.0, 5.0]), 3) for one in (loaded, high))
+    assert set(above.reach) <= set(flat.reach)
+    place = loaded.positions[above.reach, :2] - [5.0, 5.0]
+    expected = np.hypot(np.linalg.norm(place, axis=1), 3.0)
+    np.testing.assert_allclose(above.distance_m, expected)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "geojson", "png"])
+def test_a_map_is_a_table_or_a_picture(call, site, tmp_path, suffix):
+    if suffix == "geojson":
+        text = site.read_text().replace('name = "yard"', 'name = "yard"\norigin = {lat=52, lon=4}')
+        site.write_text(text)
+    path = tmp_path / f"map.{suffix}"
+    done = call("plan", site, "--map", path, "--cell", 0.5, "--json")
+    assert done.code == 0
+    assert done.json["cells"] == [20, 24]
+    if suffix == "csv":
+        with path.open() as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == 480
+        rms = sorted(float(row["rms_m"]) for row in rows if row["rms_m"])
+        assert done.json["rms_m"]["worst"] == pytest.approx(rms[-1], rel=1e-5)
+    elif suffix == "geojson":
+        assert len(json.loads(path.read_text())["features"]) == 480
+    else:
+        assert path.stat().st_size > 10_000
+
+
+def test_a_map_of_the_best_few_is_worse_than_of_all(call, site, tmp_path):
+    every = call("plan", site, "--map", tmp_path / "a.csv", "--cell", 1, "--json").json
+    three = call("plan", site, "--map", tmp_path / "b.csv", "--cell", 1, "-k", 3, "--json").json
+    assert three["rms_m"]["median"] > 1.3 * every["rms_m"]["median"]
+    assert three["readings_of"] == 3
+
+
+def test_without_a_question_the_field_is_described(call, site, tmp_path):
+    done = call("plan", site, "--plot", tmp_path / "field.png")
+    assert done.code == 0
+    assert "yard: 24 sensors, 12 x 10 m" in done.out
+    assert "seen by" in done.out
+    assert "days on a battery" in done.out
+    told = call("plan", site, "--json").json
+    assert told["coverage"]["share"] == sorted(told["coverage"]["share"], reverse=True)
+    assert told["network"] is None
+    assert told["battery_days"]["sleeping"] > told["battery_days"]["sensing"]
+    assert (tmp_path / "field.png").exists()
+
+
+def test_sensors_that_no_message_leaves_are_named(call, site):
+    hop = '[network]\nhop_m = 3\n[[groups]]\nid = "g"\nx_m = 2\ny_m = 2\n[energy]\nsleep_mw = 0\n'
+    site.write_text(site.read_text() + hop)
+    far = site.parent / "sensors.csv"
+    far.write_text(far.read_text() + "alone,400,400\n")
+    done = call("plan", site, "--json")
+    assert "alone" in done.json["network"]["cut_off"]
+    assert "without a way to their leader" in done.err
+    assert done.json["battery_days"]["sleeping"] is None
+    assert "for ever" in call("plan", site).out
+
+
+def test_reach_without_end_has_no_coverage(call, site):
+    site.write_text(site.read_text().replace("max_range_m = 8\n", ""))
+    done = call("plan", site, "--json")
+    assert done.code == 0
+    assert done.json["coverage"] is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--at", "5"], "--at: found '5', expected X,Y in metres"),
+        (["--at", "5,nan"], "--at: found '5,nan', expected X,Y in metres"),
+        (["--at", "5,5", "--criterion", "B"], "--criterion: found 'B', expected one of A"),
+        (["--at", "5,5", "--velocity", "x"], "--velocity: found 'x'"),
+        (["--at", "5,5", "--map", "a.png"], "found --at and --map, expected one question"),
+        (["--map", "a.xyz"], "a.xyz: found suffix '.xyz'"),
+        (["--map", "a.geojson"], "found a site without origin"),
+        (["--map", "a.csv", "--cell", "-1"], "--cell: found -1, expected a size above 0"),
+        (["--plot", "site.toml"], "found suffix '.toml'"),
+    ],
+)
+def test_wrong_usage_is_one_clear_line(call, site, monkeypatch, arguments, said):
+    monkeypatch.chdir(site.parent)
+    done = call("plan", site, *arguments)
+    assert done.code == 2
+    assert said in done.err
+    assert len(done.err.splitlines()) == 1
+
+
+def test_a_site_without_sensors_is_refused(call, tmp_path):
+    path = tmp_path / "bare.toml"
+    path.write_text("[reports]\nregion = [0, 0, 5, 5]\n")
+    done = call("plan", path, "--at", "1,1")
+    assert done.code == 2
+    assert "found no sensors, expected some whose work is planned" in done.err
+    path.write_text('[[sensors]]\nsensor_id = "a"\nx_m = 0\ny_m = 0\n')
+    alone = call("plan", path)
+    assert alone.code == 2
+    assert "found nothing and no sensors that span a region" in alone.err
+
+
+def test_a_point_of_another_size_or_nowhere_is_refused(site):
+    loaded = load_site(site)
+    for place in (np.zeros(3), np.array([np.nan, 1.0])):
+        with pytest.raises(InputError, match="expected 2 finite coordinates"):
+            plan_point(loaded, place, 3)
+    bare = replace(loaded, sensor_ids=(), positions=np.empty((0, 3)), models=())
+    with pytest.raises(InputError, match="found no sensors"):
+        plan_point(bare, np.zeros(2), 3)
