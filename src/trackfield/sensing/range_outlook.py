@@ -52,16 +52,16 @@ def outlook(models: RangeModels, sensors: Matrix, *, position: Gaussian) -> Outl
             f"of shape {P.shape}: expected (..., n, {d}), (..., {d}) and (..., {d}, {d})"
         )
     offset = mean[..., None, :] - sensors
-    r = np.sqrt((offset**2).sum(-1))
+    r = np.sqrt(_dot(offset, offset))
     far = np.maximum(r, _AT_SENSOR)
     u = offset / far[..., None]
     Pu = u @ P
-    along2 = (u * Pu).sum(-1)
+    along2 = _dot(u, Pu)
     across2 = np.maximum(np.trace(P, axis1=-2, axis2=-1)[..., None] - along2, 0.0)
     squared = across2**2
     if d > 2:  # tr((I - uu') P (I - uu') P), which in the plane is across2 squared
         whole = (P * P).sum((-2, -1))[..., None]
-        squared = np.maximum(whole - 2.0 * (Pu * Pu).sum(-1) + along2**2, 0.0)
+        squared = np.maximum(whole - 2.0 * _dot(Pu, Pu) + along2**2, 0.0)
     stretch = 1.0 + np.asarray(models.scale)
     curved = 0.5 * stretch**2 * squared / far**2
     return Outlook(
@@ -89,3 +89,7 @@ def gains(seen: Outlook) -> Matrix:
 def nearness(seen: Outlook) -> Vector:
     """Distance over the spread across (..., n): below about 2.5 a range cannot tell two sides."""
     return seen.distance / np.maximum(seen.across, _AT_SENSOR)
+
+
+def _dot(a: Matrix, b: Matrix) -> Matrix:
+    return np.einsum("...d,...d->...", a, b)
