@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from trackfield.cli import plan_field, plan_map, plan_point
 from trackfield.cli.output import Json, check_figure, check_output, emit, say, show_table, warn
 from trackfield.errors import ConfigurationError
 
@@ -45,6 +44,7 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan the work of SITE's sensors: what they can do, whom to ask, how long they last."""
+    from trackfield.cli import plan_field, plan_map, plan_point
     from trackfield.network.site_file import load_site
 
     questions = {"--at": at, "--map": map_file}
