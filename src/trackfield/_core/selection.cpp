@@ -3,12 +3,13 @@
 #include <nanobind/ndarray.h>
 
 #include "selection_enumeration.hpp"
-#include "selection_search.hpp"
+#include "selection_frugal.hpp"
 
 namespace nb = nanobind;
 using namespace trackfield::selection;
 
 using InGains = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using InSet = nb::ndarray<const int32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using InVector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 template <class T>
@@ -27,11 +28,16 @@ static std::vector<double> square(const Packed<D> &m) {
     return out;
 }
 
+static std::vector<double> listed(const InVector &values) { return {values.data(), values.data() + values.shape(0)}; }
+
+// Weight of the only place.
+static std::vector<double> certain() { return {1.0}; }
+
 // Call with a field of the right dimension.
 template <class Work>
-static auto with_field(const InGains &gains, const InGains &priors, const InVector &weights, int criterion, Work work) {
+static auto with_field(const InGains &gains, const InGains &priors, const std::vector<double> &weights, int criterion, Work work) {
     const size_t s = gains.shape(0), n = gains.shape(1), d = gains.shape(2);
-    if (priors.shape(0) != s || priors.shape(1) != d || priors.shape(2) != d || weights.shape(0) != s)
+    if (priors.shape(0) != s || priors.shape(1) != d || priors.shape(2) != d || weights.size() != s)
         throw nb::value_error("gains (s, n, d), priors (s, d, d) and weights (s,) expected");
     const auto call = [&]<int D>() {
         return work(Field<D>(gains.data(), priors.data(), weights.data(), int(n), int(s), Criterion(criterion)));
@@ -57,7 +63,7 @@ static nb::object enumerated(InGains gains, InGains priors, InVector weights, in
     Set best;
     {
         nb::gil_scoped_release release;
-        best = with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) { return Enumeration<D>(field, k, ridge).best(); });
+        best = with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) { return Enumeration<D>(field, k, ridge).best(); });
     }
     return array(best, {best.size()});
 }
@@ -67,7 +73,7 @@ static nb::object exchanged(InGains gains, InGains priors, InVector weights, int
     Set best;
     {
         nb::gil_scoped_release release;
-        best = with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) {
+        best = with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) {
             Swaps<D> search(field, ridge);
             Set set = search.greedy(k);
             search.improve(set);
@@ -78,7 +84,7 @@ static nb::object exchanged(InGains gains, InGains priors, InVector weights, int
 }
 
 // Best set, the bound of all sets and the slope that proves it, and whether the set was proved best.
-static nb::tuple searched(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge, int64_t work) {
+static nb::tuple searched(InGains gains, InGains priors, int k, int criterion, double ridge, int64_t work) {
     check(gains, k, true);
     Set best;
     std::vector<double> slope;
@@ -86,7 +92,7 @@ static nb::tuple searched(InGains gains, InGains priors, InVector weights, int k
     bool complete = false;
     {
         nb::gil_scoped_release release;
-        with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) {
+        with_field(gains, priors, certain(), criterion, [&]<int D>(const Field<D> &field) {
             Found<D> found = search(field, k, ridge, work);
             best = std::move(found.set);
             slope = square(found.cut.slope);
@@ -98,13 +104,13 @@ static nb::tuple searched(InGains gains, InGains priors, InVector weights, int k
 }
 
 // Shares of sensors, the value they reach, the bound of all shares and the slope that proves it.
-static nb::tuple relaxed(InGains gains, InGains priors, InVector weights, int k, int criterion, double ridge, double tolerance) {
+static nb::tuple relaxed(InGains gains, InGains priors, int k, int criterion, double ridge, double tolerance) {
     check(gains, k, true);
     std::vector<double> shares, slope;
     double value = 0, bound = 0;
     {
         nb::gil_scoped_release release;
-        with_field(gains, priors, weights, criterion, [&]<int D>(const Field<D> &field) {
+        with_field(gains, priors, certain(), criterion, [&]<int D>(const Field<D> &field) {
             Limits limits;
             limits.most[0] = k;
             Swaps<D> swaps(field, ridge);
@@ -118,9 +124,50 @@ static nb::tuple relaxed(InGains gains, InGains priors, InVector weights, int k,
     return nb::make_tuple(array(shares, {shares.size()}), value, bound, array(slope, {gains.shape(2), gains.shape(2)}));
 }
 
+// As searched, of sets of at most k sensors that cost no more than a budget.
+static nb::tuple affordable(InGains gains, InGains priors, int k, int criterion, double ridge, InVector costs, double budget, int64_t work) {
+    check(gains, k, true);
+    if (costs.shape(0) != gains.shape(1)) throw nb::value_error("costs (n,) expected");
+    Set best;
+    double bound = 0;
+    bool complete = false;
+    {
+        nb::gil_scoped_release release;
+        with_field(gains, priors, certain(), criterion, [&]<int D>(const Field<D> &field) {
+            Found<D> found = best_affordable(field, k, ridge, costs.data(), budget, work);
+            best = std::move(found.set);
+            bound = found.cut.bound;
+            complete = found.complete;
+        });
+    }
+    return nb::make_tuple(array(best, {best.size()}), bound, complete);
+}
+
+// Cheapest set of at most k sensors of a merit, what all such sets cost at least, and whether the
+// set was proved cheapest; `able` is one of them.
+static nb::tuple sufficient(InGains gains, InGains priors, int k, int criterion, double ridge, InVector costs, double level, InSet able, int64_t work) {
+    check(gains, k, true);
+    if (costs.shape(0) != gains.shape(1)) throw nb::value_error("costs (n,) expected");
+    Set best(able.data(), able.data() + able.shape(0));
+    double bound = 0;
+    bool complete = false;
+    {
+        nb::gil_scoped_release release;
+        with_field(gains, priors, certain(), criterion, [&]<int D>(const Field<D> &field) {
+            Cheapest<D> found = cheapest(field, best, k, ridge, costs.data(), level, work);
+            best = std::move(found.set);
+            bound = found.bound;
+            complete = found.complete;
+        });
+    }
+    return nb::make_tuple(array(best, {best.size()}), bound, complete);
+}
+
 NB_MODULE(_selection, m) {
     m.def("enumerated", &enumerated);
     m.def("exchanged", &exchanged);
     m.def("searched", &searched);
     m.def("relaxed", &relaxed);
+    m.def("affordable", &affordable);
+    m.def("sufficient", &sufficient);
 }

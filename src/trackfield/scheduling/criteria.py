@@ -15,7 +15,7 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.linalg import UNKNOWN_VARIANCE
-from trackfield.types import Matrix
+from trackfield.types import Matrix, Vector
 
 Criterion = Literal["A", "D", "E"]
 CRITERIA: tuple[Criterion, ...] = ("A", "D", "E")
@@ -90,6 +90,18 @@ def checked_prior(prior: Matrix, d: int) -> Matrix:
     if float(np.abs(p - p.T).max()) > slack or float(np.linalg.eigvalsh(p)[0]) < -slack:
         raise InputError(f"prior: found {p.tolist()}, expected symmetric, positive semidefinite")
     return p
+
+
+def checked_costs(costs: Vector, n: int) -> Vector:
+    """Costs (n,), finite and at least 0, contiguous; `InputError` if they are not."""
+    c = np.ascontiguousarray(costs, float)
+    if c.shape != (n,):
+        raise InputError(f"costs of shape {c.shape}: expected ({n},)")
+    fine = np.isfinite(c) & (c >= 0.0)
+    if not fine.all():
+        i = int(np.flatnonzero(~fine)[0])
+        raise InputError(f"cost of sensor {i}: found {c[i]:g}, expected a number, at least 0")
+    return c
 
 
 def checked_number(k: int, what: str = "sensors to select") -> int:

@@ -69,7 +69,7 @@ def relax(
         slope = _slope(everything.covariance, criterion)
         return Relaxation(shares, everything.value, everything.value, slope)
     determined = not len(known(g, prior=p).missing)
-    fields = g[None], p[None], _CERTAIN, k, code, FINE if determined else COARSE, TOLERANCE
+    fields = g[None], p[None], k, code, FINE if determined else COARSE, TOLERANCE
     shares, _, bound, certificate = _selection.relaxed(*fields)
     reached = known(g * np.sqrt(shares)[:, None], prior=p, criterion=criterion).value
     return Relaxation(shares, reached, -bound if criterion == "A" else bound, certificate)
@@ -114,6 +114,3 @@ def _slope(covariance: Matrix, criterion: Criterion) -> Matrix:
         return covariance
     axis = np.linalg.eigh(covariance)[1][:, -1]
     return np.outer(axis, axis)
-
-
-_CERTAIN: Vector = np.ones(1)

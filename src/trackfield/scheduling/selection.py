@@ -13,12 +13,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackfield._core import _selection
+from trackfield.errors import InputError
 from trackfield.scheduling import criteria
 from trackfield.scheduling.criteria import (
     COARSE,
     FINE,
     Criterion,
     checked,
+    checked_costs,
     checked_number,
     criterion_code,
     known,
@@ -39,23 +41,25 @@ class Selection(NamedTuple):
 
     `sensors` (k,) are rows of the gains, ascending; `value` is that of the criterion: A, the trace
     of `covariance` [m^2], the less the better; D, log det of the information; E, its smallest
-    eigenvalue [1/m^2], the more the better. `optimal` says that no set of k is better; `way` how
-    that is known: "enumeration" of all sets or a "tree" cut off by the bound. Otherwise the set
-    comes from "exchanges" of single sensors and as much of the tree as was looked at.
+    eigenvalue [1/m^2], the more the better; `cost` the sum of their costs, 0 if none were told.
+    `optimal` says that no set is better; `way` how that is known: "enumeration" of all sets or a
+    "tree" cut off by the bound. Otherwise the set comes from "exchanges" of single sensors and as
+    much of the tree as was looked at.
 
-    No set of k can be better than `bound`, and `ratio` is by how many times this one is worse at
-    most (for D in the geometric mean of the variances). `relaxation.dual_bound` recomputes the
-    bound from the matrix `certificate` (d, d) alone, by the k largest of n scores; None where all
-    sets were looked at.
+    No set can be better than `bound`, and `ratio` is by how many times this one is worse at most
+    (for D in the geometric mean of the variances). `relaxation.dual_bound` recomputes the bound
+    from the matrix `certificate` (d, d) alone, by the k largest of n scores; it is None where all
+    sets were looked at, and under a budget.
 
     `missing` (m, d) are the directions of which neither these readings nor the prior say anything;
-    their variance counts as `linalg.UNKNOWN_VARIANCE`. Where there are any, no set of k leaves
-    fewer, and among those this one is the best: the sensors are too few, or stand in one line.
-    Nothing is claimed of others then: `bound` is the value.
+    their variance counts as `linalg.UNKNOWN_VARIANCE`. Where there are any, no set leaves fewer,
+    and among those this one is the best (for E, by D): the sensors are too few, or stand in one
+    line. Nothing is claimed of others then: `bound` is the value.
     """
 
     sensors: Indices
     value: float
+    cost: float
     way: Way
     optimal: bool
     bound: float
@@ -71,26 +75,40 @@ class Selection(NamedTuple):
 
 
 def select(
-    gains: Matrix, k: int, *, prior: Matrix | None = None, criterion: Criterion = "A"
+    gains: Matrix,
+    k: int,
+    *,
+    prior: Matrix | None = None,
+    criterion: Criterion = "A",
+    costs: Vector | None = None,
+    budget: float = math.inf,
 ) -> Selection:
     """Select k of n sensors by their `gains` (n, d), d <= 6, and the prior information (d, d).
 
     Few sets are all compared. Of many the best next sensor is taken k times, single sensors are
     exchanged until that does not help, the relaxation bounds what is possible, and a tree of sets
     cut off by that bound looks for a better one: to the end for up to `EXACT` sensors, else for up
-    to `WORK` sets, which mostly is the end too. Where n < k all are taken. A row of zeros is a
-    sensor that says nothing. Where axes have different units or importance, scale the columns.
+    to `WORK` sets, which mostly is the end too. With `costs` (n,) and a `budget`, in any one unit,
+    at most k sensors are taken whose costs add up to no more.
 
-    Raises `InputError` for gains or priors that are no numbers, of another shape, or a prior that
-    is not symmetric and positive semidefinite.
+    Where n < k all are taken. A row of zeros is a sensor that says nothing. Where axes have
+    different units or importance, scale the columns of the gains.
+
+    Raises `InputError` for gains, priors or costs that are no numbers or of another shape, a prior
+    that is not symmetric and positive semidefinite, negative costs, or a budget without costs.
     """
     g, p = checked(gains, prior)
     code = criterion_code(criterion)
     k = min(checked_number(k), len(g))
-    found = _search(g, p, k, code=code, ridge=FINE)
+    c = np.zeros(len(g)) if costs is None else checked_costs(costs, len(g))
+    if not budget >= 0.0 or (costs is None and budget < math.inf):
+        raise InputError(f"budget: found {budget:g}, expected costs, and a budget of at least 0")
+    task = _Task(g, p, k, code, c, budget)
+    found = _search(task, FINE)
     left = known(g[found.sensors], prior=p, criterion=criterion)
     if len(left.missing):
-        found = _search(g, p, k, code=code, ridge=COARSE)
+        code = criterion_code("D" if criterion == "E" else criterion)  # E: all are equally bad
+        found = _search(task._replace(code=code), COARSE)
         left = known(g[found.sensors], prior=p, criterion=criterion)
     bound = left.value
     if found.bound is not None and not len(left.missing):
@@ -98,6 +116,7 @@ def select(
     return Selection(
         sensors=found.sensors,
         value=left.value,
+        cost=float(c[found.sensors].sum()),
         way=found.way,
         optimal=found.way != "exchanges",
         bound=bound,
@@ -108,22 +127,55 @@ def select(
     )
 
 
-class _Search(NamedTuple):
+class _Task(NamedTuple):
+    gains: Matrix
+    prior: Matrix
+    k: int
+    code: int
+    costs: Vector
+    budget: float
+
+
+class _Found(NamedTuple):
     sensors: Indices
     way: Way
     bound: float | None = None  # of the merit, the larger the better
     certificate: Matrix | None = None
 
 
-def _search(g: Matrix, p: Matrix, k: int, *, code: int, ridge: float) -> _Search:
+def work(n: int) -> int:
+    """Count the sets that a tree may look at among n sensors."""
+    return WORK if n > EXACT else 2**EXACT
+
+
+def _search(task: _Task, ridge: float) -> _Found:
+    """Find sensors among those that the budget pays for."""
+    g, p, k, code, costs, budget = task
+    if np.partition(costs, len(costs) - k)[len(costs) - k :].sum() <= budget:
+        return _search_free(g, p, k, code=code, ridge=ridge)
+    payable = np.flatnonzero(costs <= budget).astype(np.int32)
+    inner = task._replace(gains=g[payable], costs=costs[payable], k=min(k, len(payable)))
+    if len(payable) < len(g):
+        found = _search(inner, ridge)
+        return found._replace(sensors=payable[found.sensors], certificate=None)
+    sensors, bound, complete = _selection.affordable(
+        g[None], p[None], k, code, ridge, costs, budget, work(len(g))
+    )
+    return _Found(np.sort(sensors), "tree" if complete else "exchanges", bound)
+
+
+def _search_free(g: Matrix, p: Matrix, k: int, *, code: int, ridge: float) -> _Found:
+    """Find sensors whatever they cost."""
     if k in (0, len(g)):
-        return _Search(np.arange(k, dtype=np.int32), "enumeration")
-    fields = g[None], p[None], _CERTAIN, k, code, ridge
+        return _Found(np.arange(k, dtype=np.int32), "enumeration")
+    fields = g[None], p[None]
     if math.comb(len(g), k) <= ENUMERATED:
-        return _Search(np.sort(_selection.enumerated(*fields)), "enumeration")
-    work = WORK if len(g) > EXACT else math.comb(EXACT, EXACT // 2) * EXACT
-    sensors, bound, certificate, complete = _selection.searched(*fields, work)
-    return _Search(np.sort(sensors), "tree" if complete else "exchanges", bound, certificate)
+        sensors = _selection.enumerated(*fields, _CERTAIN, k, code, ridge)
+        return _Found(np.sort(sensors), "enumeration")
+    sensors, bound, certificate, complete = _selection.searched(
+        *fields, k, code, ridge, work(len(g))
+    )
+    return _Found(np.sort(sensors), "tree" if complete else "exchanges", bound, certificate)
 
 
 _CERTAIN: Vector = np.ones(1)
