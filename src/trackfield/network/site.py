@@ -100,13 +100,13 @@ class SchedulingSettings:
     interval_s: float = 1.0  # between commands
     burst: int = 1  # measurements of which a node that senses tells the mean
     reach_m: float | None = None  # how far nodes sense; None: what their models say
-    near: float = 1.5  # radius R_1 of the region that is awake, over that of the nearest sensors
-    far: float = 1.8  # radius R_2 of its sector ahead of the target, over the same
+    near: float = 1.2  # radius R_1 of the region that is awake, over that of the nearest sensors
+    far: float = 1.5  # radius R_2 of its sector ahead of the target, over the same
     alpha_deg: float = 36.0  # half the opening of that sector
     ahead_s: float | None = None  # how long before they are needed nodes wake; None: an interval
     watch: WatchName = "empty"  # when the border is watched: while nobody is tracked, always, never
-    sweep_s: float = 5.0  # for how long all sense when a run begins, or a search has failed
-    hysteresis: float = 0.2  # how much better another node must be to become master, as a share
+    sweep_s: float = 5.0  # for how long all sense when a run begins, or a track ends inside
+    hysteresis: float = 0.2  # how much less another node must cost, of 1, to become master
     energy_weight: float = 1.0  # how much nodes with little energy are spared; 0: not at all
 
 
