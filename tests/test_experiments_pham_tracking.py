@@ -11,6 +11,7 @@ from trackfield.experiments import pham_masters, pham_passage, pham_tracking
 from trackfield.experiments.pham_masters import Rule
 from trackfield.experiments.pham_table21 import PRINTED
 from trackfield.localization import trilateration
+from trackfield.network import meter
 from trackfield.network.energy import Energy, mode_powers
 from trackfield.scheduling.master import costs
 from trackfield.types import Gaussian, Mode
@@ -144,3 +145,23 @@ def test_a_reign_is_that_of_a_plain_loop(margin, battery_j):
     np.testing.assert_allclose(found.residual, left, rtol=1e-9, atol=1e-12)
     assert found.begins.sum() == np.count_nonzero(np.diff(found.master))
     assert found.messages_j == pytest.approx(hand_overs * 512 * 9.6e-6)
+
+
+def test_the_meter_counts_what_masters_spent_cycle_by_cycle():
+    """The residuals that the choice goes by are those of the commands, but for hand-overs."""
+    row, rule = PRINTED[0], Rule(margin=0.2, battery_j=1000.0)
+    told = {"measuring_m": 0.576, "zone": row.zone}
+    found = pham_masters.reign(WAY, NODES, **told, rule=rule)
+    commands = pham_masters.commands(WAY, NODES, **told, masters=found.master)
+    start = meter.init(Energy(), commands.sensor_ids, battery_j=1000.0)
+    metered, _ = meter.step(start, 10.0, commands=commands)
+    # The meter lets a master receive from those that sense beside it; Pham counts itself too.
+    heard = (pham_passage.distances(WAY, NODES) <= 0.576).sum(axis=1)
+    himself = np.zeros(441)
+    for k in range(2000):
+        m = found.master[k]
+        others = heard[k] - (np.hypot(*(NODES[m] - WAY.position[k])) <= 0.576)
+        himself[m] += (heard[k] - others) * 1.0 / 200
+    expected = 1000.0 * (1.0 - found.residual) - metered.spent_j.sum(axis=1) - himself
+    assert expected.sum() == pytest.approx(found.messages_j, rel=1e-6)
+    assert (np.abs(expected) <= found.messages_j).all()
