@@ -13,6 +13,8 @@ from trackfield.raster import Region, cell_centres
 from trackfield.types import Indices, Matrix, Vector
 
 _FINENESS = 20  # cells to a reach, if nobody asks for another size
+# Tried in turn, while there are fewer shifts than there may be.
+_PRICES = (1.0, 10.0, 0.1, 100.0, 0.0)
 _MOST_CELLS = 2_000_000
 
 
@@ -113,12 +115,23 @@ def _rows(owner: Indices, items: Indices, count: int) -> _Rows:
 
 
 def _shifts(sees: _Rows, seen_by: _Rows, *, most: int) -> tuple[Indices, ...]:
-    """Find up to `most` disjoint sets of nodes that each see all cells."""
+    """Find up to `most` disjoint sets of nodes that each see all cells, the most of a few tries."""
+    best: tuple[Indices, ...] = ()
+    for price in _PRICES:
+        found = _disjoint(sees, seen_by, most=most, price=price)
+        best = max(best, found, key=len)
+        if len(best) == most:
+            break
+    return best
+
+
+def _disjoint(sees: _Rows, seen_by: _Rows, *, most: int, price: float) -> tuple[Indices, ...]:
+    """Take sets that see all cells out of the nodes, one after the other, until there is none."""
     free = np.ones(sees.start.size - 1, np.bool_)
     spare = np.diff(seen_by.start)  # free nodes that see a cell
     shifts: list[Indices] = []
     while len(shifts) < most:
-        chosen = _cover(sees, seen_by, (free, spare), wanted=most - len(shifts))
+        chosen = _cover(sees, seen_by, (free, spare), wanted=most - len(shifts), price=price)
         if not chosen:
             break
         shifts.append(np.sort(np.array(chosen, np.int32)))
@@ -131,11 +144,12 @@ def _cover(
     pool: tuple[NDArray[np.bool_], NDArray[np.int64]],
     *,
     wanted: int,
+    price: float,
 ) -> list[int]:
     """Take nodes that see all cells out of the pool of free ones; none if there are no such.
 
     For the cell that has the fewest free nodes left, the node that sees most cells anew, less a
-    price for those that it sees in vain: high where hardly as many free nodes as shifts `wanted`
+    `price` for those that it sees in vain: in full where no more free nodes than shifts `wanted`
     are left, so that a scarce cell is not seen twice in one shift and never in another.
     """
     free, spare = pool
@@ -147,7 +161,7 @@ def _cover(
         able = able[free[able]]
         if not able.size:
             return []
-        worth = np.where(times == 0, 1.0, -((1.0 + np.maximum(spare - wanted, 0)) ** -2.0))
+        worth = np.where(times == 0, 1.0, -price * (1.0 + np.maximum(spare - wanted, 0)) ** -2.0)
         gains = [float(worth[sees.of(node)].sum()) for node in able.tolist()]
         node = int(able[np.argmax(gains)])
         own = sees.of(node)
