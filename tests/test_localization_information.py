@@ -321,3 +321,14 @@ def test_pairs_must_be_pairs_and_values_finite():
         pair_gains(MIXED[:3], np.zeros((3, 2)), np.ones((2, 2)))
     with pytest.raises(InputError, match="finite"):
         reading_gains(MIXED[:3], np.zeros((3, 2)), np.array([np.nan, 0.0]))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([1e-3, 1.0, 1e4]))
+def test_fewer_readings_than_unknowns_leave_the_position_free_whatever_rounding_says(seed, m, unit):
+    rng = np.random.default_rng(seed)
+    gains = rng.normal(size=(50, m, 4)) * np.exp(2.0 * rng.normal(size=(50, m, 1)))
+    gains *= [unit, unit, 1.0, 1.0]
+    assert not position_bound(fisher_information(gains), 2).determined.any()
+    known = np.concatenate([gains, np.tile(np.eye(4)[2:], (50, 1, 1))], axis=1)  # the velocity
+    followed = position_bound(fisher_information(known), 2).determined
+    assert followed.mean() > 0.8 if m >= 2 else not followed.any()

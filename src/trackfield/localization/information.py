@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.linalg import covariance_of
@@ -18,7 +19,7 @@ from trackfield.network.kinds import SensorModel
 from trackfield.network.site import Site
 from trackfield.types import Indices, Matrix
 
-_ROUNDING = 1e-13  # of the information on a position, what may be left of a difference of nothing
+_FREE = 1e-12  # of the largest information, in units that make all alike: what rounding leaves
 
 AnyModels = SensorModel | Sequence[SensorModel] | MixedModels
 """One model for all sensors, one each, or these laid out by `mixed_models.mixed`."""
@@ -84,9 +85,16 @@ def position_bound(information: Matrix, dimensions: int | None = None) -> Bound:
     rest = np.linalg.pinv(information[..., d:, d:], rcond=1e-12, hermitian=True)
     left = place - cross @ rest @ np.swapaxes(cross, -1, -2)
     covariance, ok = covariance_of(0.5 * (left + np.swapaxes(left, -1, -2)))
-    least = 1.0 / np.linalg.eigvalsh(covariance)[..., -1]
-    noise = _ROUNDING * np.trace(place, axis1=-2, axis2=-1)
-    return Bound(covariance, np.asarray(ok & (least > noise)))
+    return Bound(covariance, np.asarray(ok & ~_leaves_free(information, d)))
+
+
+def _leaves_free(information: Matrix, d: int) -> NDArray[np.bool_]:
+    """Tell whether a direction (...) of which nothing is known moves the first `d` entries."""
+    size = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
+    size = np.where(size > 0.0, size, 1.0)
+    roots, axes = np.linalg.eigh(information / (size[..., :, None] * size[..., None, :]))
+    free = roots <= _FREE * roots[..., -1:]
+    return np.asarray(np.sum(axes[..., :d, :] ** 2 * free[..., None, :], axis=(-2, -1)) > _FREE)
 
 
 def placed(
