@@ -136,12 +136,13 @@ def test_woken_nodes_are_those_within_reach_of_a_predicted_ellipsoid():
     """Each node, track and step asked by itself; in space, with a noise of half rank."""
     rng = np.random.default_rng(5)
     nodes, motion = random_field(1, 3, count=300), SteppedAcceleration((0.2, 0.1, 0.0))
+    reach = rng.uniform(0.3, 1.2, 300)
     means = np.hstack([rng.uniform(2, 8, (4, 3)), rng.normal(size=(4, 3))])
     roots = 0.3 * rng.normal(size=(4, 6, 6))
     covariances = roots @ np.swapaxes(roots, 1, 2)
     steps = np.array([0.5, 1.0])
     found = wake_ahead(
-        nodes, means, covariances=covariances, motion=motion, steps_s=steps, reach_m=0.8
+        nodes, means, covariances=covariances, motion=motion, steps_s=steps, reach_m=reach
     )
     limit = float(gate(0.95, 3))
     expected = {}
@@ -151,7 +152,7 @@ def test_woken_nodes_are_those_within_reach_of_a_predicted_ellipsoid():
             P = (F @ covariances[track] @ F.T + motion.noise(dt))[:3, :3]
             offsets = nodes.positions - (F @ means[track])[:3]
             apart = distance_to_ellipsoid(offsets, P[None], limit, which=np.zeros(300, int))
-            expected |= {(track, int(n)): k for n in np.flatnonzero(apart <= 0.8)}
+            expected |= {(track, int(n)): k for n in np.flatnonzero(apart <= reach)}
     pairs = zip(found.track.tolist(), found.node.tolist(), found.step.tolist(), strict=True)
     assert {(t, n): k for t, n, k in pairs} == expected
     assert found.node.size == len(expected) > 100
@@ -198,7 +199,8 @@ def test_what_has_no_region_is_refused(change, words):
         ({"means": np.zeros((1, 6))}, r"\(t, 4\)"),
         ({"covariances": np.full((1, 4, 4), np.nan)}, "no number"),
         ({"probability": 1.0}, "between 0 and 1"),
-        ({"reach_m": -np.inf}, "no number"),
+        ({"reach_m": -np.inf}, "no number above 0"),
+        ({"reach_m": np.ones(3)}, "one number or 400"),
     ],
 )
 def test_a_belief_that_is_none_is_refused(change, words):

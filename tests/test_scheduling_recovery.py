@@ -19,14 +19,15 @@ SPACE = Box(np.zeros(3), np.array([10.0, 10.0, 6.0]))
 def looked_at(nodes, search, track, places, reach):
     watchers = search.node[search.track == track]
     apart = np.linalg.norm(places[:, None] - nodes.positions[watchers], axis=2)
-    return (apart <= reach).any(axis=1)
+    return (apart <= np.broadcast_to(reach, len(nodes))[watchers]).any(axis=1)
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_a_target_that_stays_in_the_field_is_found_however_it_went(dimensions):
     rng = np.random.default_rng(dimensions)
     nodes = GRID if dimensions == 2 else NodeIndex(rng.uniform(0, [10, 10, 6], (1000, 3)))
-    field, reach, speed = FIELD if dimensions == 2 else SPACE, 1.2, 1.5
+    field, speed = FIELD if dimensions == 2 else SPACE, 1.5
+    reach = rng.uniform(0.6, 1.3, len(nodes))
     box = box_of(field)
     last = rng.uniform(box.low, box.high, (3, dimensions))
     elapsed = np.array([0.2, 1.0, 4.0])
@@ -77,6 +78,27 @@ def test_nobody_looks_for_a_target_that_must_have_left():
     )
     assert search.gone.tolist() == [True, False]
     assert set(search.track.tolist()) == {1}
+
+
+def test_each_node_looks_as_far_as_it_sees():
+    rng = np.random.default_rng(6)
+    reach = rng.uniform(0.3, 2.0, 441)
+    last = np.array([[4.0, 6.0]])
+    apart = np.linalg.norm(GRID.positions - last, axis=1)
+    reachable = search_reachable(
+        GRID, last, elapsed_s=np.ones(1), max_speed_m_s=1.0, reach_m=reach, field=FIELD
+    )
+    assert reachable.node.tolist() == np.flatnonzero(apart <= 1.0 + reach).tolist()
+    radius = np.sqrt(-2 * np.log(0.1) * 0.25)
+    believed = search_believed(
+        GRID,
+        last,
+        covariances=0.25 * np.eye(2)[None],
+        probability=0.9,
+        reach_m=reach,
+        field=FIELD,
+    )
+    assert believed.node.tolist() == np.flatnonzero(apart <= radius + reach).tolist()
 
 
 def test_a_believed_target_is_found_as_often_as_asked():

@@ -129,6 +129,7 @@ def test_ten_thousand_nodes_share_a_watch():
         ({"reach_m": 0.0}, "above 0"),
         ({"reach_m": np.nan}, "above 0"),
         ({"depth_m": -1.0}, "above 0"),
+        ({"reach_m": np.ones(3)}, "one number or 441"),
         ({"cell_m": 1e-6}, "at most"),
         ({"cell_m": -1.0}, "at most"),
         ({"region": Region(0, 0, 0, 5)}, "area"),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from trackfield.errors import InputError
 from trackfield.network.boxes import Box, box_of
 from trackfield.network.discs import depths
-from trackfield.network.node_index import NodeIndex
+from trackfield.network.node_index import NodeIndex, each_reach
 from trackfield.raster import Raster, Region
 from trackfield.types import Vector
 
@@ -68,7 +68,7 @@ def coverage(
     arcs. In space they are those of the middles of cells about `cell_m` wide, see `count_cells`;
     `low` and `high` hold for certain, since they count cells that are seen as a whole, and at all.
     """
-    reach = _reach(nodes, reach_m)
+    reach = each_reach(nodes, reach_m)
     if times < 1:
         raise InputError(f"found times = {times}, expected 1 or more")
     box = _box(nodes, region)
@@ -99,7 +99,7 @@ def count_cells(
     If nothing is said, 20 cells go to the mean reach in the plane and 8 in space, or as many as
     keep the whole below four million.
     """
-    reach, box = _reach(nodes, reach_m), _box(nodes, region)
+    reach, box = each_reach(nodes, reach_m), _box(nodes, region)
     usual = float(reach.mean()) / _FINENESS[box.dimensions]
     least = (box.measure / (0.9 * _MOST_CELLS)) ** (1.0 / box.dimensions)
     wide = max(usual, least) if cell_m is None else cell_m
@@ -148,15 +148,6 @@ def _shares(counts: NDArray[np.int32], times: int) -> Vector:
     """Share of cells that at least 1 to `times` nodes see."""
     seen = np.bincount(np.minimum(counts, times).ravel(), minlength=times + 1)
     return seen[::-1].cumsum()[::-1][1:] / counts.size
-
-
-def _reach(nodes: NodeIndex, reach_m: float | Vector) -> Vector:
-    reach = np.asarray(reach_m, np.float64)
-    if reach.shape not in {(), (len(nodes),)}:
-        raise InputError(f"reach of shape {reach.shape}, expected one number or {len(nodes)}")
-    if not (np.isfinite(reach) & (reach > 0.0)).all():
-        raise InputError("found a reach that is no number above 0, expected finite ones")
-    return np.broadcast_to(reach, (len(nodes),))
 
 
 def _box(nodes: NodeIndex, region: Region | Box) -> Box:

@@ -77,3 +77,13 @@ class NodeIndex:
         """Distances [m] and numbers, (p, count) each, of the nodes nearest to `places` (p, d)."""
         distance, node = self._tree.query(places, k=np.arange(1, count + 1))
         return np.asarray(distance, np.float64), np.asarray(node, np.int32)
+
+
+def each_reach(nodes: NodeIndex, reach_m: float | Vector) -> Vector:
+    """Reach (n,) [m] of each node, of one number for all or (n,); `InputError` unless above 0."""
+    reach = np.asarray(reach_m, np.float64)
+    if reach.shape not in {(), (len(nodes),)}:
+        raise InputError(f"reach of shape {reach.shape}, expected one number or {len(nodes)}")
+    if not (np.isfinite(reach) & (reach > 0.0)).all():
+        raise InputError("found a reach that is no number above 0, expected finite ones")
+    return np.broadcast_to(reach, (len(nodes),))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.motion import Motion
-from trackfield.network.node_index import NodeIndex
+from trackfield.network.node_index import NodeIndex, each_reach
 from trackfield.scheduling.ellipsoids import (
     distance_to_ellipsoid,
     ellipsoid_gate,
@@ -78,24 +78,25 @@ def wake_ahead(
     covariances: Matrix,
     motion: Motion,
     steps_s: Vector,
-    reach_m: float,
+    reach_m: float | Vector,
     probability: float = 0.95,
 ) -> Ahead:
-    """Nodes that will be within `reach_m` of a target, with `probability`, in one of some steps.
+    """Nodes that will be within reach of a target, with `probability`, in one of some steps.
 
-    States `means` (t, n) with `covariances` (t, n, n) begin with the position; each is predicted to
-    the times `steps_s` (h,) [s] from now. A node is woken for the first step at which it is within
-    reach of the ellipsoid that holds the target with `probability`: at each step the target is
-    within reach of nodes that sleep with at most the rest.
+    `reach_m` is one number or (n,), that of each node. States `means` (t, n) with `covariances`
+    (t, n, n) begin with the position; each is predicted to the times `steps_s` (h,) [s] from now.
+    A node is woken for the first step at which it is within reach of the ellipsoid that holds the
+    target with `probability`: at each step the target is within reach of nodes that sleep with at
+    most the rest.
     """
     d = nodes.dimensions
     centres, spreads = _predicted(means, covariances, motion, steps_s, d)
     limit = ellipsoid_gate(spreads, probability)
-    near = nodes.within(
-        centres.reshape(-1, d), reach_m + ellipsoid_reach(spreads, limit).reshape(-1)
-    )
+    reach = each_reach(nodes, reach_m)
+    widest = float(reach.max()) + ellipsoid_reach(spreads, limit).reshape(-1)
+    near = nodes.within(centres.reshape(-1, d), widest)
     apart = distance_to_ellipsoid(near.offset, spreads.reshape(-1, d, d), limit, which=near.place)
-    found = apart <= reach_m * (1.0 + _SLACK)
+    found = apart <= reach[near.node] * (1.0 + _SLACK)
     step, track = np.divmod(near.place[found], len(means))
     return _first_steps(track, near.node[found], step, len(nodes))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.network.boxes import Box, box_of
-from trackfield.network.node_index import Near, NodeIndex
+from trackfield.network.node_index import Near, NodeIndex, each_reach
 from trackfield.raster import Region
 from trackfield.scheduling.ellipsoids import (
     distance_to_ellipsoid,
@@ -21,6 +21,8 @@ from trackfield.scheduling.ellipsoids import (
     ellipsoid_reach,
 )
 from trackfield.types import Indices, Matrix, Vector
+
+_SLACK = 1e-9  # of a reach: what is just within it is, rounded or not
 
 
 class Search(NamedTuple):
@@ -42,7 +44,7 @@ def search_reachable(
     *,
     elapsed_s: Vector,
     max_speed_m_s: float,
-    reach_m: float,
+    reach_m: float | Vector,
     field: Region | Box,
 ) -> Search:
     """Nodes within reach of the ball |x - last_seen| <= v_max elapsed, in the field.
@@ -55,7 +57,10 @@ def search_reachable(
     if max_speed_m_s < 0.0 or not (elapsed >= 0.0).all():
         raise InputError("found a negative speed or time since, expected 0 or more")
     box, radius = box_of(field), max_speed_m_s * elapsed
-    near = nodes.within(last_seen, radius + reach_m)
+    reach = each_reach(nodes, reach_m)
+    near = nodes.within(last_seen, radius + float(reach.max()))
+    apart = np.linalg.norm(near.offset, axis=1) - radius[near.place]
+    near = _close(near, apart, reach)
     corners = np.linalg.norm(box.corners() - last_seen[:, None], axis=-1)
     whole = np.asarray(corners.max(axis=1) <= radius)
     return _search(
@@ -63,7 +68,7 @@ def search_reachable(
         near,
         whole=whole,
         gone=np.asarray(box.outside(last_seen) > radius),
-        seen=(box, reach_m),
+        seen=(box, reach),
     )
 
 
@@ -73,7 +78,7 @@ def search_believed(
     *,
     covariances: Matrix,
     probability: float,
-    reach_m: float,
+    reach_m: float | Vector,
     field: Region | Box,
 ) -> Search:
     """Nodes within reach of the ellipsoid that holds a target with `probability`, in the field.
@@ -88,19 +93,23 @@ def search_believed(
             f"expected (t, {d}, {d})"
         )
     limit = ellipsoid_gate(covariances, probability)
-    around = nodes.within(means, reach_m + ellipsoid_reach(covariances, limit))
+    reach = each_reach(nodes, reach_m)
+    around = nodes.within(means, float(reach.max()) + ellipsoid_reach(covariances, limit))
     apart = distance_to_ellipsoid(around.offset, covariances, limit, which=around.place)
-    close = apart <= reach_m
-    near = Near(around.place[close], around.node[close], around.offset[close])
+    near = _close(around, apart, reach)
     corners = box.corners() - means[:, None]
     track = np.repeat(np.arange(len(means)), corners.shape[1])
     off = distance_to_ellipsoid(corners.reshape(-1, d), covariances, limit, which=track)
     half = np.sqrt(limit * np.diagonal(covariances, axis1=-2, axis2=-1))
     missed = (means + half < box.low) | (means - half > box.high)
     whole = np.asarray((off.reshape(len(means), -1) == 0.0).all(axis=1))
-    return _search(
-        nodes, near, whole=whole, gone=np.asarray(missed.any(axis=1)), seen=(box, reach_m)
-    )
+    return _search(nodes, near, whole=whole, gone=np.asarray(missed.any(axis=1)), seen=(box, reach))
+
+
+def _close(near: Near, apart: Vector, reach: Vector) -> Near:
+    """Keep the pairs whose node reaches what is `apart` (m,) [m] from it."""
+    kept = apart <= reach[near.node] * (1.0 + _SLACK)
+    return Near(near.place[kept], near.node[kept], near.offset[kept])
 
 
 def _search(
@@ -109,10 +118,10 @@ def _search(
     *,
     whole: NDArray[np.bool_],
     gone: NDArray[np.bool_],
-    seen: tuple[Box, float],
+    seen: tuple[Box, Vector],
 ) -> Search:
     """Keep the pairs whose node sees a part of the field, of tracks that can be in it."""
-    box, reach_m = seen
-    useful = box.outside(nodes.positions) <= reach_m
+    box, reach = seen
+    useful = box.outside(nodes.positions) <= reach
     kept = useful[near.node] & ~gone[near.place]
     return Search(near.place[kept], near.node[kept], whole, gone)

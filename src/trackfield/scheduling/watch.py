@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.errors import InputError
-from trackfield.network.node_index import NodeIndex
+from trackfield.network.node_index import NodeIndex, each_reach
 from trackfield.raster import Region, cell_centres
 from trackfield.types import Indices, Matrix, Vector
 
@@ -59,11 +59,11 @@ def watch_border(
     whole: a shift misses nothing between the centres, at the price of half a cell's diagonal of
     reach. Shifts are found greedily, the cells that few nodes see first; at most `most` of them.
     """
-    reach = np.broadcast_to(np.asarray(reach_m, np.float64), (len(nodes),))
     if nodes.dimensions != 2:
         raise InputError("found nodes in space, expected (n, 2): a border is watched in the plane")
-    if not ((reach > 0.0) & np.isfinite(reach)).all() or not depth_m > 0.0:
-        raise InputError("found a reach or depth of 0 or less, expected finite ones above 0")
+    if not depth_m > 0.0:
+        raise InputError(f"found a depth of {depth_m:g} m, expected one above 0")
+    reach = each_reach(nodes, reach_m)
     cells, half = _belt(
         region, depth_m, float(reach.max()) / _FINENESS if cell_m is None else cell_m
     )
