@@ -64,7 +64,8 @@ def test_the_cheapest_is_that_of_all_sets_that_are_good_enough(seed, criterion, 
     prior = some_prior(seed, d) if informed else np.zeros((d, d))
     sets = all_sets(9, 4)
     values = np.array([twin.value(gains, s, prior, criterion) for s in sets])
-    sane = values[np.isfinite(values) & (values > -1e6) & (np.abs(values) > 1e-9)]
+    least = {"A": -1e4, "D": -15.0, "E": 1e-6}[criterion]  # less is rounding, of singular sets
+    sane = values[values > least]
     level = float(np.quantile(sane, part))
     found = sufficient(
         gains, 4, costs=costs, level=signed(level, criterion), prior=prior, criterion=criterion

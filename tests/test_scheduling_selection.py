@@ -46,6 +46,18 @@ def test_a_small_field_has_the_best_of_all_sets(seed, d, criterion, k, with_prio
     assert sign * found.value == pytest.approx(best, rel=1e-9, abs=1e-9)
 
 
+@given(seeds, st.integers(2, 4), criteria)
+def test_sensors_that_say_nothing_and_twins_hide_nobody(seed, d, criterion):
+    """Sets that differ by nothing have the same value to the bit, where comparisons turn."""
+    g = field(seed, 9, d)
+    g[[1, 4]] = 0.0
+    g[5] = g[2]
+    prior = some_prior(seed, d)
+    found = select(g, 3, prior=prior, criterion=criterion)
+    best = twin.value(g, twin.best(g, 3, prior, criterion), prior, criterion)
+    assert (-1 if criterion == "A" else 1) * found.value == pytest.approx(best, rel=1e-9, abs=1e-9)
+
+
 @given(seeds, st.integers(2, 6), st.sampled_from(["A", "D"]))
 def test_exchanges_are_those_of_the_twin(seed, d, criterion):
     g, nothing = field(seed, 60, d), np.zeros((d, d))

@@ -94,8 +94,9 @@ class Base {
         for (int a = 0; a < D; ++a) {
             double along = 0;
             for (int i = 0; i < D; ++i) along += axes_[i * D + a] * g[i];
-            secular += along * along / (roots_[a] - floor);
-            under += roots_[a] <= floor;
+            const double gap = roots_[a] == floor ? -1e-300 : roots_[a] - floor;
+            secular += along * along / gap;
+            under += gap < 0;
         }
         return under > 1 || (under == 1 && !(secular < 0.0));
     }
