@@ -56,6 +56,17 @@ def test_a_site_of_cameras_is_sound_and_says_its_defaults(call, run):
     assert done["settings"]["models.camera.max_range_m"] == {"value": 30, "source": "given"}
 
 
+def test_a_range_and_a_bearing_are_enough_to_plan_with(call, run):
+    site = run / "two.toml"
+    site.write_text((run / "mixed.toml").read_text().replace('sensor_id = "B"', 'sensor_id = "D"'))
+    text = site.read_text()
+    first = text.index("[[sensors]]")
+    second = text.index("[[sensors]]", first + 1)
+    site.write_text(text[:first] + text[second:])
+    done = call("check", site, "--json").json
+    assert (done["ok"], done["sensors"]) == (True, 2)
+
+
 @pytest.mark.parametrize("site", ["cameras", "mixed"])
 def test_data_of_kinds_that_no_tracker_takes_fail_the_check(call, run, site):
     done = call("check", run / f"{site}.toml", run / "bearings.csv", "--json")

@@ -13,6 +13,7 @@ from pages import DOCS, ROOT
 from trackfield.io import commands, energy, measurements, reports, tracks, truth
 from trackfield.network.kinds import KINDS
 from trackfield.network.site_schema import SENSOR, site_schema
+from trackfield.scheduling.accuracy import AccuracyMap
 
 SOURCE = ROOT / "src"
 REFERENCE = DOCS / "reference"
@@ -106,4 +107,5 @@ def test_every_column_of_a_file_is_documented() -> None:
     columns = {*SENSOR.model_fields, *energy.COLUMNS}
     for module in (commands, measurements, reports, truth, tracks):
         columns |= {*module.SCHEMA.required, *module.SCHEMA.optional}
+    columns |= {*AccuracyMap._fields}
     assert columns <= documented

@@ -36,13 +36,14 @@ def check(
     """Look at SITE, and at DATA if given: faults, doubts, and the defaults that apply."""
     from trackfield.io.data import holds_reports
     from trackfield.network.geometry import geometry
+    from trackfield.network.kinds import untracked
     from trackfield.network.site_file import load_site
 
     loaded = load_site(site)
     places = geometry(loaded)
     of_reports = data is not None and holds_reports(data)
-    # Only who is located by ranges needs sensors that stand well.
-    ranged = _measures_ranges(loaded) and not of_reports
+    # Only who is located by ranges alone needs sensors that stand well for ranges.
+    ranged = _measures_ranges(loaded) and not untracked(loaded.models) and not of_reports
     problems = [f"{site}: {problem}" for problem in places.problems if ranged]
     look = None
     if data is not None:
