@@ -200,6 +200,24 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             "groups: found 'a' 2 times, expected every group once",
         ),
         ("carries = 'reports'\n" + DETECTION, "carries: found 'reports' without [network]"),
+        (DETECTION + "[energy]\n", "energy: found without [scheduling], expected sensors that are"),
+        (
+            REPORTS + "[scheduling]\n",
+            "scheduling: found with reports, expected readings of sensors",
+        ),
+        (
+            DETECTION + "[scheduling]\ninterval_s = 0.5\n",
+            "scheduling.interval_s: found 0.5, expected step_s = 1 or more",
+        ),
+        (DETECTION + "[scheduling]\nburst = 2\n", "scheduling.burst: found 2 without [range]"),
+        (
+            DETECTION + "[scheduling]\nsensors = 0\n",
+            "scheduling.sensors: found 0, expected a whole number from 1 to 1000",
+        ),
+        (
+            DETECTION + "[scheduling]\n[energy]\nbattery_j = 0\n",
+            "energy.battery_j: found 0, expected a number above 0",
+        ),
         (
             "fusion = 'fit'\n" + DETECTION,
             "fusion: found without [signal] whose reports travel",
@@ -340,6 +358,8 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Group": "[[groups]]",
     "Channel": "[network]",
     "Fault": "[[faults]]",
+    "SchedulingSettings": "[scheduling]",
+    "Energy": "[energy]",
 }
 
 

@@ -12,9 +12,11 @@ import typer
 from trackfield.cli.output import Json, check_folder, check_output, emit, progress, say, warn
 
 if TYPE_CHECKING:
+    from trackfield.network.meter import Meter
     from trackfield.network.passage import Passed
+    from trackfield.network.site import SchedulingSettings
     from trackfield.simulation.world import World
-    from trackfield.types import Columns
+    from trackfield.types import Columns, Commands
 
 LOSSES = ("lost", "delayed", "garbled", "silent")
 COLUMNS = {
@@ -43,7 +45,9 @@ def simulate(
 ) -> None:
     """Simulate SCENARIO: write its site, readings or reports, and truth.
 
-    The same scenario and seed give the same files.
+    The same scenario and seed give the same files. With [scheduling], sensors measure only while
+    they are told to, in closed loop with a tracker: what they were told and what they spent is
+    written too.
     """
     from trackfield.io.truth import write_truth
     from trackfield.simulation.scenario_file import load_scenario
@@ -53,17 +57,23 @@ def simulate(
     check_folder(output)
     names = ["measurements.csv"] if loaded.reports is None else []
     names += ["reports.csv"] if loaded.reports is not None or loaded.fusion is not None else []
-    for name in (*names, "truth.csv", "sensors.csv", "site.toml"):
+    looped = ("commands.csv", "energy.csv") if loaded.scheduling is not None else ()
+    for name in (*names, *looped, "truth.csv", "sensors.csv", "site.toml"):
         check_output(output / name, [scenario])
     world = make_world(loaded, seed=seed)
     with progress("simulating") as moved:
-        said = [
-            write_said(world, output / name, lambda share, i=i: moved((i + share) / len(names)))
-            for i, name in enumerate(names)
-        ]
+        if loaded.scheduling is not None:
+            commanded = write_commanded(world, loaded.scheduling, output, moved)
+            said, looped_numbers = [commanded.said], {"closed_loop": commanded.numbers}
+        else:
+            said = [
+                write_said(world, output / name, lambda share, i=i: moved((i + share) / len(names)))
+                for i, name in enumerate(names)
+            ]
+            looped_numbers = {}
     write_truth(output / "truth.csv", world.truth)
     write_site_files(world, output)
-    result = summary(world, said)
+    result = {**summary(world, said), **looped_numbers}
     for line in doubts(world):
         warn(line)
     if as_json:
@@ -75,16 +85,10 @@ def simulate(
 def write_said(world: World, path: Path, moved: Callable[[float], None]) -> Said:
     """Write readings or reports as they come, and count them."""
     from trackfield.io.writing import write_tables
-    from trackfield.simulation.hearing import hear_readings, hear_reports, tells_arrivals
+    from trackfield.simulation.hearing import hear_readings, hear_reports
 
     is_readings = path.name == "measurements.csv"
-    names = COLUMNS[path.name]
-    if world.scenario.range is not None:
-        names = (*names, "target_id")
-    if tells_arrivals(world, "readings" if is_readings else "reports"):
-        names = (*names, "arrival_s")
-    if world.scenario.fusion == "fit" and not is_readings:
-        names = (*names, "sigma_m")
+    names = columns_of(world, path.name)
     rows: list[int] = []
     counts: list[Passed] = []
 
@@ -98,6 +102,71 @@ def write_said(world: World, path: Path, moved: Callable[[float], None]) -> Said
 
     write_tables(path, tables())
     return Said(path.name, sum(rows), functools.reduce(lambda a, b: a.plus(b), counts)._asdict())
+
+
+def columns_of(world: World, name: str) -> tuple[str, ...]:
+    """Columns of a file of what is said."""
+    from trackfield.simulation.hearing import tells_arrivals
+
+    is_readings = name == "measurements.csv"
+    names = COLUMNS[name]
+    if world.scenario.range is not None:
+        names = (*names, "target_id")
+    if tells_arrivals(world, "readings" if is_readings else "reports"):
+        names = (*names, "arrival_s")
+    return (*names, "sigma_m") if world.scenario.fusion == "fit" and not is_readings else names
+
+
+class Commanded(NamedTuple):
+    """A run in closed loop: what was said in it, and its numbers."""
+
+    said: Said
+    numbers: dict[str, Any]
+
+
+def write_commanded(
+    world: World, settings: SchedulingSettings, folder: Path, moved: Callable[[float], None]
+) -> Commanded:
+    """Write what sensors say while they are told to, what they are told and what they spend."""
+    from trackfield.io.commands import write_commands
+    from trackfield.io.energy import write_energy
+    from trackfield.io.writing import write_tables
+    from trackfield.simulation.closed_loop import nothing, tallied
+    from trackfield.simulation.commanded import WorldSenses, run_commanded
+    from trackfield.simulation.told_site import site_of
+    from trackfield.types import MODE_WORDS, join_rows
+
+    site, senses = site_of(world), WorldSenses(world, settings)
+    names = columns_of(world, "measurements.csv")
+    if settings.burst > 1:
+        names = (*names, "sigma")
+    found, rows, orders, meters = nothing(), 0, list["Commands"](), list["Meter"]()
+
+    def tables() -> Iterator[Columns]:
+        nonlocal found, rows
+        for turn in run_commanded(world, senses):
+            columns = turn.readings.columns()
+            yield {name: columns[name] for name in names}
+            rows += len(turn.readings)
+            orders.append(turn.commands)
+            meters[:] = [turn.meter]
+            found = tallied(found, turn, site)
+            moved(min(turn.meter.t_s / world.scenario.duration_s, 1.0))
+
+    write_tables(folder / "measurements.csv", tables())
+    write_commands(folder / "commands.csv", join_rows(orders))
+    write_energy(folder / "energy.csv", meters[0])
+    in_mode = found.in_mode_s / found.duration_s
+    numbers = {
+        "tracked_s": found.tracked_s,
+        "spent_j": found.spent_j,
+        "above_sleep_j": found.above_sleep_j,
+        "above_sleep_j_per_tracked_s": found.per_tracked_s,
+        "nodes": dict(zip(MODE_WORDS, in_mode.tolist(), strict=True)),
+        **found.counts,
+        "troubles": list(found.troubles),
+    }
+    return Commanded(Said("measurements.csv", rows, senses.passed._asdict()), numbers)
 
 
 def write_site_files(world: World, folder: Path) -> None:
@@ -142,4 +211,19 @@ def show(output: Path, result: Mapping[str, Any]) -> None:
         told = [f"{messages['sent']} sent"]
         told += [f"{count} {what}" for what, count in messages.items() if count and what in LOSSES]
         say(f"  {name}: {file['rows']} rows" + (f"; {', '.join(told)}" if len(told) > 1 else ""))
+    if "closed_loop" in result:
+        show_loop(result["closed_loop"])
     say("  site.toml: what a tracker is told")
+
+
+def show_loop(numbers: Mapping[str, Any]) -> None:
+    """Tell what a closed loop came to."""
+    nodes = ", ".join(f"{count:.1f} {word}" for word, count in numbers["nodes"].items())
+    say(f"  commands.csv: {numbers['commands']} changes of modes; on average {nodes}")
+    say(
+        f"  energy.csv: {numbers['spent_j']:.4g} J, {numbers['above_sleep_j']:.4g} J of it above "
+        f"sleep; {numbers['above_sleep_j_per_tracked_s']:.4g} J for each of "
+        f"{numbers['tracked_s']:.4g} s in which a target was tracked"
+    )
+    for line in numbers["troubles"]:
+        warn(line)

@@ -33,7 +33,10 @@ def scheduler_of(site: Site) -> Scheduler:
     settings = site.scheduling
     told = settings.reach_m
     reach = np.array([reach_of(model) if told is None else told for model in site.models])
-    models = [averaged(model, settings.burst) for model in site.models]
+    models = [
+        averaged(model, settings.burst) if isinstance(model, RangeModel) else model
+        for model in site.models
+    ]
     sensors = sensors_of(site.positions[:, :2], models, reach)
     region = watched(site) or _around(sensors)
     motion = ConstantVelocity(accel_density(site.target))
@@ -47,10 +50,8 @@ def accel_density(target: Target) -> float:
     return MANOEUVRING.accel_density if told is None else told**2
 
 
-def averaged(model: SensorModel, burst: int) -> SensorModel:
-    """Model of the mean of `burst` measurements of a range: its white noise is less, no other."""
-    if not isinstance(model, RangeModel):
-        return model
+def averaged(model: RangeModel, burst: int) -> RangeModel:
+    """Model of the mean of `burst` measurements: its white noise is less, and no other error."""
     less = math.sqrt(burst)
     return replace(model, sigma_m=model.sigma_m / less, sigma_scale=model.sigma_scale / less)
 

@@ -251,7 +251,7 @@ class Scheduler:
 
 
 def _asked(known: Followed, choice: Choice, t_s: float) -> float | None:
-    """When sensors were first asked without an answer."""
-    if known.asked_s is not None or not choice.sensors.size:
+    """When sensors were first asked, or missing, without an answer; not where none are needed."""
+    if known.asked_s is not None or not (choice.sensors.size or choice.trouble):
         return known.asked_s
     return t_s

@@ -16,8 +16,9 @@ from trackfield.network.site import PolicyName, SchedulingSettings
 from trackfield.scheduling.cheapest import MOST, cheapest
 from trackfield.scheduling.selection import known, select
 from trackfield.scheduling.soft_bound import Care
+from trackfield.sensing.detection import DetectionColumns, DetectionModel
 from trackfield.sensing.range import RangeModel
-from trackfield.sensing.range_outlook import nearness, outlook
+from trackfield.sensing.range_outlook import Outlook, nearness, outlook
 from trackfield.types import Gaussian, Indices, Matrix, Vector
 
 CANDIDATES = 24
@@ -32,12 +33,14 @@ _EXACT = RangeModel(sigma_m=0.0)
 class Sensors(NamedTuple):
     """All nodes of a field: where they stand, what they say, how far they reach (n,) [m].
 
-    `farthest_m` is the longest reach; `own_m2` how much of the plane there is to a node.
+    `binary` ones (n,) say yes or no; `farthest_m` is the longest reach; `own_m2` how much of the
+    plane there is to a node.
     """
 
     nodes: NodeIndex
     models: MixedModels
     reach_m: Vector
+    binary: NDArray[np.bool_]
     farthest_m: float
     own_m2: float
 
@@ -99,7 +102,8 @@ def sensors_of(positions: Matrix, models: Sequence[SensorModel], reach_m: Vector
     across = max(2.0 * float(np.hypot(*size)), 1e-3)
     reach = np.minimum(reach_m, across)
     own_m2 = max(float(size.prod()), 1e-6 * across**2) / len(nodes)
-    return Sensors(nodes, mixed(models), reach, float(reach.max()), own_m2)
+    binary = np.array([isinstance(model, DetectionModel) for model in models], np.bool_)
+    return Sensors(nodes, mixed(models), reach, binary, float(reach.max()), own_m2)
 
 
 def choose(
@@ -113,8 +117,9 @@ def choose(
     """Choose up to `wanted` sensors for a target believed at N(mean (2,), covariance (2, 2)).
 
     A node is in range if it reaches two standard deviations farther than the target is: at the edge
-    of a reach the target may be out of it. Nodes that sense another target anyway cost nothing and
-    come first; others are taken of those that are awake, if they are enough.
+    of a reach the target may be out of it. Of binary sensors those count whose edge may be there,
+    for only on its edge a yes or no tells the place. Nodes that sense another target anyway cost
+    nothing and come first; others are taken of those that are awake, if they are enough.
     """
     prior = np.asarray(np.linalg.inv(target.covariance), np.float64)
     if settings.policy == "all":
@@ -161,9 +166,10 @@ def _in_range(
         node = node[able.alive[node]]
         seen = outlook(_EXACT, sensors.nodes.positions[node], position=target)
         reach, doubt = sensors.reach_m[node], _CARE.edge_sigmas * seen.along
-        here = seen.distance <= reach - np.minimum(doubt if sure else 0.0, reach / 2.0)
-        gains = _gains(sensors, node, target, curved_m2=seen.variance)
-        clear = (nearness(seen) >= _CARE.near_sigmas) | ~gains.any(axis=1)
+        margin = np.minimum(np.where(sensors.binary[node], -doubt, doubt), reach / 2.0)
+        here = seen.distance <= reach - margin * sure
+        gains = _gains(sensors, node, target, seen)
+        clear = (nearness(seen) >= _CARE.near_sigmas) | sensors.binary[node]
         found = _Near(node[here], seen.distance[here], gains[here], clear[here])
         if np.count_nonzero(found.clear) >= enough:
             break
@@ -173,15 +179,23 @@ def _in_range(
     return _Near(node[order], distance[order], gains[order], clear[order])
 
 
-def _gains(sensors: Sensors, nodes: Indices, target: Gaussian, *, curved_m2: Vector) -> Matrix:
+def _gains(sensors: Sensors, nodes: Indices, target: Gaussian, seen: Outlook) -> Matrix:
     """Gains (m, 2) of nodes, less where the doubt across the line of sight bends the readings.
 
-    What is `curved_m2` (m,) of a range is noise to a linear filter, `range_outlook`; other kinds
-    are taken to bend alike.
+    What bends a range is noise to a linear filter, `range_outlook`; other kinds are taken to bend
+    alike. The edge of a binary sensor is as wide as the doubt about which side of it the target is.
     """
-    places = sensors.nodes.positions[nodes]
-    gains = reading_gains(taken(sensors.models, nodes), places, target.mean)
-    return gains / np.sqrt(1.0 + (gains**2).sum(axis=1) * curved_m2)[:, None]
+    models = taken(sensors.models, nodes)
+    columns = list(models.columns)
+    for number, own in enumerate(columns):
+        if isinstance(own, DetectionColumns):
+            here, edge = models.part == number, own.edge_m.copy()
+            rows = models.row[here]
+            edge[rows] = np.hypot(edge[rows], math.sqrt(12.0) * seen.along[here])
+            columns[number] = own._replace(edge_m=edge)
+    models = models._replace(columns=tuple(columns))
+    gains = reading_gains(models, sensors.nodes.positions[nodes], target.mean)
+    return gains / np.sqrt(1.0 + (gains**2).sum(axis=1) * seen.variance)[:, None]
 
 
 def _pool(near: _Near, able: Able, missing: int) -> Indices:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Generic, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.network.detection_by_age import leaders_at
@@ -37,13 +38,24 @@ class Heard(NamedTuple, Generic[Sent]):
     until_s: float
 
 
-def hear_readings(world: World) -> Iterator[Heard[Readings]]:
+class Listening(NamedTuple):
+    """Who is listened to: asked anew for each piece of `interval_s`, when it is about to be drawn.
+
+    `sensing` tells which sensors (n,) measure; those that do not say nothing, whatever they see.
+    """
+
+    interval_s: float
+    sensing: Callable[[], NDArray[np.bool_]]
+
+
+def hear_readings(world: World, listening: Listening | None = None) -> Iterator[Heard[Readings]]:
     """Say what sensors say, piece by piece in order of arrival; memory does not grow with the run.
 
-    Where the network carries readings, each has its `arrival_s`, and late ones wait for it.
-    `InputError` if the scenario gives reports.
+    Where the network carries readings, each has its `arrival_s`, and late ones wait for it. All
+    sensors measure all the time unless `listening` says who does. `InputError` if the scenario
+    gives reports.
     """
-    return _in_time(_readings(world))
+    return _in_time(_readings(world, listening))
 
 
 def hear_reports(world: World) -> Iterator[Heard[Reports]]:
@@ -92,11 +104,13 @@ def tells_arrivals(world: World, what: Carried) -> bool:
     return network_carries(world.scenario, what) or _clocks_jump(world)
 
 
-def _readings(world: World) -> Iterator[Heard[Readings]]:
+def _readings(world: World, listening: Listening | None) -> Iterator[Heard[Readings]]:
     scenario, kept = world.scenario, _kept(world)
     sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
-    for steps in _all_steps(world):
+    for steps, until_s in _pieces(world, listening):
         table = _spoken(world, steps, kept, sensing)
+        if listening is not None:
+            table = select_rows(table, listening.sensing()[table.sensor])
         silent = struck("silent", world.strikes, table.t_s, table.sensor) > 0.0
         table = select_rows(table, ~silent)
         off = struck("clock_jump", world.strikes, table.t_s, table.sensor)
@@ -107,7 +121,7 @@ def _readings(world: World) -> Iterator[Heard[Readings]]:
         elif _clocks_jump(world):
             told = replace(told, arrival_s=sent_s)
         passed = passed._replace(silent=int(silent.sum()))
-        yield Heard(told, passed, float(steps.t_s[-1]) + scenario.step_s)
+        yield Heard(told, passed, until_s)
 
 
 def _reports(world: World) -> Iterator[Heard[Reports]]:
@@ -138,7 +152,8 @@ def _spoken(
         return ranges_of(kept, world.deployment, steps)
     values = _values(world, steps, kept, rng)
     if scenario.detection is not None:
-        said, kind = values > 0.0, "detection"  # silence is not said
+        # Silence is not said, but where it would be taken for sleep.
+        said, kind = (values > 0.0) | (scenario.scheduling is not None), "detection"
     else:
         said, kind = values >= loud_from(scenario), "signal"
     return sensed.as_readings(values, said, world.deployment, steps=steps, kind=kind)
@@ -170,6 +185,21 @@ def _kept(world: World) -> Loudness | Ranged | None:
         rng = stream(world.seed, "errors")
         return sensed.loudness(scenario.signal, deployment, len(truth.target_ids), rng)
     return None
+
+
+def _pieces(world: World, listening: Listening | None) -> Iterator[tuple[Steps, float]]:
+    """Gather steps that are drawn at once, and when they are over: all of an interval, if told."""
+    scenario = world.scenario
+    if listening is None:
+        for steps in _all_steps(world):
+            yield steps, float(steps.t_s[-1]) + scenario.step_s
+        return
+    first, number = 0, 1
+    while first < scenario.steps:
+        until_s = number * listening.interval_s
+        last = min(math.ceil(until_s / scenario.step_s - 1e-9), scenario.steps)
+        yield sensed.steps_of(scenario, world.truth, first, last), until_s
+        first, number = last, number + 1
 
 
 def _all_steps(world: World) -> Iterator[Steps]:

@@ -13,7 +13,8 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from trackfield.network.channel import Channel
-from trackfield.network.site import Group
+from trackfield.network.energy import Energy
+from trackfield.network.site import Group, SchedulingSettings
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
@@ -130,7 +131,9 @@ class Scenario:
     the `reports` that are made of them beside the sensors; if not said, reports where signals are
     sensed (they are fused where they are heard) or reports are given, else readings. Ranges name
     their target, who carries a tag. With `fusion`,
-    signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12).
+    signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12). With
+    `scheduling`, sensors say what they measure only while they are told to sense, in closed loop
+    with a tracker; `energy` is what they spend.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", strict=True)
@@ -151,6 +154,8 @@ class Scenario:
     carries: Carried | None = None
     fusion: Fusion | None = None
     faults: tuple[Fault, ...] = ()
+    scheduling: SchedulingSettings | None = None
+    energy: Energy | None = None
 
     @property
     def area(self) -> Region:

@@ -10,7 +10,8 @@ from typing import Any, cast
 
 from trackfield.network.bounds import bound
 from trackfield.network.channel import Channel
-from trackfield.network.site import Group
+from trackfield.network.energy import Energy
+from trackfield.network.site import Group, SchedulingSettings
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
@@ -24,7 +25,10 @@ _BORROWED = {  # sections whose classes say no bounds; those of a site's keys ho
     "detection": DetectionModel,
     "range": RangeModel,
     "groups": Group,
+    "scheduling": SchedulingSettings,
+    "energy": Energy,
 }
+_OWN_BOUNDS = ("scheduling", "energy")  # sections whose keys may have other bounds than elsewhere
 _KINDS = ("signal", "detection", "range", "reports")
 _MOTION_KEYS = {  # of a party, those that concern some motions only
     "accel_sigma_m_s2": {"random", "crossing", "row"},
@@ -61,11 +65,12 @@ def borrowed_faults(document: Mapping[str, Any]) -> Iterator[tuple[_PATH, str]]:
 
 
 def _table_faults(path: _PATH, table: Mapping[str, Any], cls: type) -> Iterator[tuple[_PATH, str]]:
+    section = str(path[0]) if path[0] in _OWN_BOUNDS else "models"
     usual = {field.name: field.default for field in fields(cls)}
     for key, value in table.items():
         if key not in usual or isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        limits = bound("models", key)
+        limits = bound(section, key)
         off = value == math.inf == usual[key]
         if not (off or math.isfinite(value)) or (limits and not _within(value, limits.limits)):
             expected = limits.expected if limits else "a finite number"
@@ -99,6 +104,7 @@ def contradictions(scenario: Scenario) -> Iterator[str]:
         yield f"targets: found up to {rows:.3g} rows of truth, expected at most {_MOST_ROWS}"
     yield from _sensing(scenario)
     yield from _network(scenario)
+    yield from _loop(scenario)
     for i, party in enumerate(scenario.targets, start=1):
         for problem in _party(scenario, party):
             yield f"targets[{i}]{problem}"
@@ -158,6 +164,24 @@ def _network(scenario: Scenario) -> Iterator[str]:
         yield "fusion: found without [signal] whose reports travel, expected one that can be fused"
     if scenario.carries == "readings" and scenario.reports is not None:
         yield "carries: found 'readings', expected 'reports' with [reports]"
+
+
+def _loop(scenario: Scenario) -> Iterator[str]:
+    settings = scenario.scheduling
+    if settings is None:
+        if scenario.energy is not None:
+            yield "energy: found without [scheduling], expected sensors that are told when to sense"
+        return
+    travel = scenario.network is not None and scenario.carried == "reports"
+    if scenario.reports is not None or scenario.fusion is not None or travel:
+        yield "scheduling: found with reports, expected readings of sensors, and no fusion of them"
+    if settings.interval_s < scenario.step_s * (1.0 - 1e-9):
+        yield (
+            f"scheduling.interval_s: found {settings.interval_s:g}, expected step_s = "
+            f"{scenario.step_s:g} or more"
+        )
+    if settings.burst > 1 and scenario.range is None:
+        yield f"scheduling.burst: found {settings.burst} without [range]"
 
 
 def _party(scenario: Scenario, party: Party) -> Iterator[str]:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.network.site import Group, ReportSettings, Site, Target
+from trackfield.network.energy import Energy
+from trackfield.network.site import Group, ReportSettings, SchedulingSettings, Site, Target
 from trackfield.simulation.world import World
 from trackfield.types import Columns, Names
 
@@ -49,6 +50,8 @@ def site_of(world: World, *, sensors_file: Path | None = None) -> Site:
         sensors_file=sensors_file,
         reports=reports,
         network=scenario.network,
+        scheduling=scenario.scheduling or SchedulingSettings(),
+        energy=scenario.energy or Energy(),
     )
 
 
