@@ -1,5 +1,8 @@
 from trackfield.types import Indices, Matrix, Vector
 
+def left(
+    gains: Matrix, priors: Matrix, rows: Indices, criterion: int, /
+) -> tuple[Matrix, Matrix, float]: ...
 def enumerated(
     gains: Matrix, priors: Matrix, weights: Vector, k: int, criterion: int, ridge: float, /
 ) -> Indices: ...

@@ -4,6 +4,7 @@
 
 #include "selection_enumeration.hpp"
 #include "selection_frugal.hpp"
+#include "selection_left.hpp"
 
 namespace nb = nanobind;
 using namespace trackfield::selection;
@@ -33,24 +34,27 @@ static std::vector<double> listed(const InVector &values) { return {values.data(
 // Weight of the only place.
 static std::vector<double> certain() { return {1.0}; }
 
-// Call with a field of the right dimension.
+// Call with a number of dimensions known to the compiler.
 template <class Work>
-static auto with_field(const InGains &gains, const InGains &priors, const std::vector<double> &weights, int criterion, Work work) {
+static void with_dimension(size_t d, Work work) {
+    switch (d) {
+        case 1: return work.template operator()<1>();
+        case 2: return work.template operator()<2>();
+        case 3: return work.template operator()<3>();
+        case 4: return work.template operator()<4>();
+        case 5: return work.template operator()<5>();
+        case 6: return work.template operator()<6>();
+        default: throw nb::value_error("1 to 6 dimensions expected");
+    }
+}
+
+// Call with the field of these gains.
+template <class Work>
+static void with_field(const InGains &gains, const InGains &priors, const std::vector<double> &weights, int criterion, Work work) {
     const size_t s = gains.shape(0), n = gains.shape(1), d = gains.shape(2);
     if (priors.shape(0) != s || priors.shape(1) != d || priors.shape(2) != d || weights.size() != s)
         throw nb::value_error("gains (s, n, d), priors (s, d, d) and weights (s,) expected");
-    const auto call = [&]<int D>() {
-        return work(Field<D>(gains.data(), priors.data(), weights.data(), int(n), int(s), Criterion(criterion)));
-    };
-    switch (d) {
-        case 1: return call.template operator()<1>();
-        case 2: return call.template operator()<2>();
-        case 3: return call.template operator()<3>();
-        case 4: return call.template operator()<4>();
-        case 5: return call.template operator()<5>();
-        case 6: return call.template operator()<6>();
-        default: throw nb::value_error("1 to 6 dimensions expected");
-    }
+    with_dimension(d, [&]<int D>() { work(Field<D>(gains.data(), priors.data(), weights.data(), int(n), int(s), Criterion(criterion))); });
 }
 
 static void check(const InGains &gains, int k, bool at_one_place) {
@@ -63,7 +67,7 @@ static nb::object enumerated(InGains gains, InGains priors, InVector weights, in
     Set best;
     {
         nb::gil_scoped_release release;
-        best = with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) { return Enumeration<D>(field, k, ridge).best(); });
+        with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) { best = Enumeration<D>(field, k, ridge).best(); });
     }
     return array(best, {best.size()});
 }
@@ -73,11 +77,10 @@ static nb::object exchanged(InGains gains, InGains priors, InVector weights, int
     Set best;
     {
         nb::gil_scoped_release release;
-        best = with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) {
+        with_field(gains, priors, listed(weights), criterion, [&]<int D>(const Field<D> &field) {
             Swaps<D> search(field, ridge);
-            Set set = search.greedy(k);
-            search.improve(set);
-            return set;
+            best = search.greedy(k);
+            search.improve(best);
         });
     }
     return array(best, {best.size()});
@@ -163,7 +166,26 @@ static nb::tuple sufficient(InGains gains, InGains priors, int k, int criterion,
     return nb::make_tuple(array(best, {best.size()}), bound, complete);
 }
 
+// What readings of these rows leave: covariance (d, d), free directions (m, d), value.
+static nb::tuple left(InGains gains, InGains priors, InSet rows, int criterion) {
+    if (gains.shape(0) != 1) throw nb::value_error("gains at one place expected");
+    for (size_t p = 0; p < rows.shape(0); ++p)
+        if (rows(p) < 0 || size_t(rows(p)) >= gains.shape(1)) throw nb::value_error("rows of the gains expected");
+    const size_t d = gains.shape(2);
+    nb::tuple out;
+    with_dimension(d, [&]<int D>() {
+        Packed<D> information;
+        for (int i = 0; i < D; ++i)
+            for (int j = 0; j <= i; ++j) information(i, j) = priors(0, i, j);
+        for (size_t p = 0; p < rows.shape(0); ++p) information.add_outer(&gains(0, rows(p), 0));
+        const Left<D> found(information, Criterion(criterion));
+        out = nb::make_tuple(array(square(found.covariance), {d, d}), array(found.missing, {found.missing.size() / d, d}), found.value);
+    });
+    return out;
+}
+
 NB_MODULE(_selection, m) {
+    m.def("left", &left);
     m.def("enumerated", &enumerated);
     m.def("exchanged", &exchanged);
     m.def("searched", &searched);

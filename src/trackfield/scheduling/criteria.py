@@ -13,9 +13,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackfield._core import _selection
 from trackfield.errors import InputError
-from trackfield.linalg import UNKNOWN_VARIANCE
-from trackfield.types import Matrix, Vector
+from trackfield.types import Indices, Matrix, Vector
 
 Criterion = Literal["A", "D", "E"]
 CRITERIA: tuple[Criterion, ...] = ("A", "D", "E")
@@ -36,19 +36,16 @@ class Known(NamedTuple):
 def known(gains: Matrix, *, prior: Matrix, criterion: Criterion = "A") -> Known:
     """Tell what readings with these `gains` (k, d) and the prior (d, d) leave, and its value.
 
-    Directions without information have the variance `UNKNOWN_VARIANCE`, or 1e12 times the least one
-    if that is less, as in `linalg.covariance_of`.
+    Directions without information have the variance `linalg.UNKNOWN_VARIANCE`, or 1e12 times the
+    least one if that is less, as in `linalg.covariance_of`.
     """
-    roots, axes = np.linalg.eigh(prior + gains.T @ gains)
-    floor = max(1e-12 * float(roots[-1]), 1.0 / UNKNOWN_VARIANCE)
-    free = roots <= floor
-    kept = np.maximum(roots, floor)
-    covariance = (axes / kept) @ axes.T
-    if criterion == "A":
-        value = float((1.0 / kept).sum())
-    else:
-        value = float(np.log(kept).sum() if criterion == "D" else kept[0])
-    return Known(0.5 * (covariance + covariance.T), axes[:, free].T, value)
+    every = np.arange(len(gains), dtype=np.int32)
+    return left(gains, every, prior=prior, code=criterion_code(criterion))
+
+
+def left(gains: Matrix, rows: Indices, *, prior: Matrix, code: int) -> Known:
+    """Tell what readings of `rows` (k,) of contiguous gains (n, d) leave; see `known`."""
+    return Known(*_selection.left(gains[None], prior[None], rows, code))
 
 
 def ratio(value: float, bound: float, *, criterion: Criterion, d: int) -> float:

@@ -23,7 +23,7 @@ from trackfield.scheduling.criteria import (
     checked_costs,
     checked_number,
     criterion_code,
-    known,
+    left,
 )
 from trackfield.types import Indices, Matrix, Vector
 
@@ -100,30 +100,30 @@ def select(
     g, p = checked(gains, prior)
     code = criterion_code(criterion)
     k = min(checked_number(k), len(g))
-    c = np.zeros(len(g)) if costs is None else checked_costs(costs, len(g))
-    if not budget >= 0.0 or (costs is None and budget < math.inf):
+    c = None if costs is None else checked_costs(costs, len(g))
+    if not budget >= 0.0 or (c is None and budget < math.inf):
         raise InputError(f"budget: found {budget:g}, expected costs, and a budget of at least 0")
     task = _Task(g, p, k, code, c, budget)
     found = _search(task, FINE)
-    left = known(g[found.sensors], prior=p, criterion=criterion)
-    if len(left.missing):
-        code = criterion_code("D" if criterion == "E" else criterion)  # E: all are equally bad
-        found = _search(task._replace(code=code), COARSE)
-        left = known(g[found.sensors], prior=p, criterion=criterion)
-    bound = left.value
-    if found.bound is not None and not len(left.missing):
+    known = left(g, found.sensors, prior=p, code=code)
+    if len(known.missing):
+        other = criterion_code("D" if criterion == "E" else criterion)  # E: all are equally bad
+        found = _search(task._replace(code=other), COARSE)
+        known = left(g, found.sensors, prior=p, code=code)
+    bound = known.value
+    if found.bound is not None and not len(known.missing):
         bound = -found.bound if criterion == "A" else found.bound
     return Selection(
         sensors=found.sensors,
-        value=left.value,
-        cost=float(c[found.sensors].sum()),
+        value=known.value,
+        cost=0.0 if c is None else float(c[found.sensors].sum()),
         way=found.way,
         optimal=found.way != "exchanges",
         bound=bound,
-        ratio=criteria.ratio(left.value, bound, criterion=criterion, d=len(p)),
+        ratio=criteria.ratio(known.value, bound, criterion=criterion, d=len(p)),
         certificate=found.certificate,
-        covariance=left.covariance,
-        missing=left.missing,
+        covariance=known.covariance,
+        missing=known.missing,
     )
 
 
@@ -132,7 +132,7 @@ class _Task(NamedTuple):
     prior: Matrix
     k: int
     code: int
-    costs: Vector
+    costs: Vector | None
     budget: float
 
 
@@ -151,7 +151,7 @@ def work(n: int) -> int:
 def _search(task: _Task, ridge: float) -> _Found:
     """Find sensors among those that the budget pays for."""
     g, p, k, code, costs, budget = task
-    if np.partition(costs, len(costs) - k)[len(costs) - k :].sum() <= budget:
+    if costs is None or np.sort(costs)[len(costs) - k :].sum() <= budget:
         return _search_free(g, p, k, code=code, ridge=ridge)
     payable = np.flatnonzero(costs <= budget).astype(np.int32)
     inner = task._replace(gains=g[payable], costs=costs[payable], k=min(k, len(payable)))
