@@ -41,6 +41,16 @@ def test_hand_overs_with_a_margin_are_few_and_cost_no_error(found):
     assert calm.shared_m < calm.alone_m < wild.alone_m
 
 
+def test_every_report_arrives_and_messages_are_a_small_part(found):
+    assert len(found.services) == 4
+    for one in found.services:
+        assert (one.arrived, one.lost) == (150, 0)
+        assert 9 < one.mean_hops < 12  # from (0, 5) to the corner, by hops of .75 m
+        assert one.messages_j < 0.1 * sum(one.found.totals_j.values())
+        spent = one.found.sent_bits.sum()
+        assert spent == 256 * 150 * one.mean_hops + 512 * one.hand_overs
+
+
 def test_error_grows_with_speed_and_with_noise(found):
     for sweep in (found.speeds, found.noises):
         assert (np.diff(sweep.kalman_m) > 0.0).all()
@@ -119,7 +129,7 @@ def test_the_filter_of_the_paper_is_a_plain_one_and_begins_anew_where_told():
 @pytest.mark.parametrize(("margin", "battery_j"), [(0.0, 10.0), (0.2, 10.0), (0.1, 1.0)])
 def test_a_reign_is_that_of_a_plain_loop(margin, battery_j):
     row = PRINTED[0]
-    way = pham_passage.Passage(*(part[:800] for part in WAY[:3]), WAY.accel_density)
+    way = pham_passage.beginning(WAY, 800)
     rule = Rule(margin=margin, battery_j=battery_j)
     found = pham_masters.reign(way, NODES, measuring_m=0.576, zone=row.zone, rule=rule)
     awake, energy = pham_passage.awake(way, NODES, row.zone), Energy()

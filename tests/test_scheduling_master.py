@@ -94,6 +94,8 @@ def test_who_reaches_no_sink_costs_more_than_any_that_does():
     fit = np.array([0.2, 0.5, 1.0, 0.4])
     np.testing.assert_allclose(costs_ahead(rho, fit, alpha=0.5), [0.9, 0.55, 1.0, 0.65])
     assert choose(costs_ahead(rho, fit, alpha=0.5)).node == 1
+    spent = relative_costs([1.0, math.inf, math.inf, 4.0], hops, per_hop=3.0)
+    np.testing.assert_allclose(spent, [1.0, math.inf, math.inf, 0.7])
     nothing = relative_costs([0.0, 0.0], np.array([0, -1], np.int32), per_hop=0.0)
     np.testing.assert_array_equal(nothing, [0.0, CUT_OFF])
 

@@ -68,7 +68,7 @@ def reign(way: Passage, nodes: Matrix, *, measuring_m: float, zone: Zone, rule: 
         hand_overs += chosen.handed_over
         forced += chosen.handed_over and chosen.forced
         spent = mode_energies(energy, CYCLE_S, sensing=measuring[k].sum())
-        mode = _modes(measuring[k], inside[k], master)
+        mode = modes_of(measuring[k], inside[k], master)
         drawn = spent[mode]
         if chosen.handed_over:
             drawn[chosen.previous] += 1e-6 * energy.state_bits * energy.tx_uj_per_bit
@@ -83,7 +83,7 @@ def commands(way: Passage, nodes: Matrix, *, measuring_m: float, zone: Zone, mas
     """Say what nodes were told over a passage: a row wherever the mode of a node changes."""
     measuring, inside = distances(way, nodes) <= measuring_m, awake(way, nodes, zone)
     modes = np.array(
-        [_modes(*row) for row in zip(measuring, inside, masters.tolist(), strict=True)], np.int32
+        [modes_of(*row) for row in zip(measuring, inside, masters.tolist(), strict=True)], np.int32
     )
     before = np.vstack([np.full((1, len(nodes)), Mode.SLEEPING, np.int32), modes[:-1]])
     k, node = np.nonzero(modes != before)
@@ -91,8 +91,8 @@ def commands(way: Passage, nodes: Matrix, *, measuring_m: float, zone: Zone, mas
     return Commands(way.t_s[k], node.astype(np.int32), modes[k, node], names)
 
 
-def _modes(measuring: Heard, inside: Heard, master: int) -> Indices:
-    """Modes (n,) of one cycle."""
+def modes_of(measuring: Heard, inside: Heard, master: int) -> Indices:
+    """Modes (n,) of one cycle, of who measures and who is in the region, (n,) each."""
     mode = np.where(measuring, Mode.SENSING, np.where(inside, Mode.ACTIVE, Mode.SLEEPING))
     if master != NOBODY:
         mode[master] = Mode.MASTER

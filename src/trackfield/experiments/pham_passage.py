@@ -86,6 +86,11 @@ def passage(mean_speed_m_s: float = 1.0) -> Passage:
     return Passage(t_s, position, heading, 0.1 * mean_speed_m_s**3)
 
 
+def beginning(way: Passage, cycles: int) -> Passage:
+    """Take the first cycles of a passage."""
+    return Passage(way.t_s[:cycles], way.position[:cycles], way.heading[:cycles], way.accel_density)
+
+
 def distances(way: Passage, nodes: Matrix) -> Matrix:
     """Distance (k, n) [m] of every node (n, 2) in every cycle."""
     return np.hypot(*np.moveaxis(way.position[:, None] - nodes, -1, 0))

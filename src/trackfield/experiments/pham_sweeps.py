@@ -102,24 +102,25 @@ def traces(
 
 
 def hand_overs(
-    way: Passage, nodes: Matrix, *, margins: Sequence[float], runs: int, rng: np.random.Generator
-) -> tuple[HandOvers, ...]:
-    """Track one passage with the radii of the first row, on the same ranges for every margin."""
+    way: Passage, nodes: Matrix, *, reigns: Sequence[tuple[float, Reign]], runs: int,
+    rng: np.random.Generator,
+) -> tuple[HandOvers, ...]:  # fmt: skip
+    """Track one passage with the radii of the first row, on the same ranges for every reign.
+
+    `reigns` are masters of that passage, each with its margin.
+    """
     row = PRINTED[0]
     who = pham_passage.hearing(way, nodes, row.measuring_m)
     ranges = pham_passage.measure(who, sigma_m=SIGMA_M, runs=runs, rng=rng)
     fixes = pham_passage.trilaterate(who, ranges, sigma_m=SIGMA_M)
-    variance = fixes.covariance[None, :, 0, 0]
-    found: list[HandOvers] = []
-    for margin in margins:
-        one = first_row_reign(way, nodes, Rule(margin=margin))
-        shared, alone = (
-            pham_passage.along_x(fixes.position[..., 0], variance, start=_STRANGER, begins=begins)
-            for begins in (None, one.begins)
-        )
-        errors = (float(np.sqrt(np.mean((x - way.position[:, 0]) ** 2))) for x in (shared, alone))
-        found.append(HandOvers(margin, one, *errors))
-    return tuple(found)
+    plain, variance = fixes.position[..., 0], fixes.covariance[None, :, 0, 0]
+
+    def rmse(begins: NDArray[np.bool_] | None) -> float:
+        x = pham_passage.along_x(plain, variance, start=_STRANGER, begins=begins)
+        return float(np.sqrt(np.mean((x - way.position[:, 0]) ** 2)))
+
+    shared = rmse(None)
+    return tuple(HandOvers(margin, one, shared, rmse(one.begins)) for margin, one in reigns)
 
 
 def first_row_reign(way: Passage, nodes: Matrix, rule: Rule) -> Reign:

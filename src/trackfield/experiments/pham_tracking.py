@@ -6,9 +6,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from trackfield.experiments import pham_masters, pham_passage, pham_sweeps, pham_table21
+from trackfield.experiments import (
+    pham_masters,
+    pham_passage,
+    pham_sink,
+    pham_sweeps,
+    pham_table21,
+    pham_tracking_findings,
+)
 from trackfield.experiments.pham_masters import Reign, Rule
 from trackfield.experiments.pham_passage import Passage
+from trackfield.experiments.pham_sink import Service
 from trackfield.experiments.pham_sweeps import HandOvers, Setting, Sweep, Traces
 from trackfield.experiments.pham_table21 import PRINTED, RATIO, SIGMA_M, Found, Scattered
 from trackfield.experiments.results import Table
@@ -40,6 +48,7 @@ class Tracking(NamedTuple):
     alone: Traces
     hand_overs: tuple[HandOvers, ...]
     reigns: tuple[tuple[float, Reign, Reign], ...]
+    services: tuple[Service, ...]
 
 
 def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
@@ -54,6 +63,11 @@ def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
         rule = Rule(margin=margin, battery_j=joules)
         return pham_sweeps.first_row_reign(way, nodes, rule)
 
+    reigns = tuple(
+        (joules, masters(MARGINS[0], joules), masters(MARGINS[1], joules))
+        for joules in ((pham_masters.BATTERY_J,) if quick else BATTERIES_J)
+    )
+    usual = next(row for row in reigns if row[0] == pham_masters.BATTERY_J)
     return Tracking(
         way=way,
         nodes=nodes,
@@ -67,12 +81,20 @@ def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
         ),
         smooth=pham_sweeps.traces(way, 4.5, rng=rng),
         alone=pham_sweeps.traces(way, 7.6, alone=True, rng=rng),
-        hand_overs=pham_sweeps.hand_overs(way, nodes, margins=MARGINS, runs=runs, rng=rng),
-        reigns=tuple(
-            (joules, masters(MARGINS[0], joules), masters(MARGINS[1], joules))
-            for joules in (BATTERIES_J[1:2] if quick else BATTERIES_J)
+        hand_overs=pham_sweeps.hand_overs(
+            way, nodes, reigns=list(zip(MARGINS, usual[1:], strict=True)), runs=runs, rng=rng
+        ),
+        reigns=reigns,
+        services=tuple(
+            pham_sink.serve(pham_passage.beginning(way, 150 if quick else 2000), nodes, policy)
+            for policy in pham_sink.POLICIES
         ),
     )
+
+
+def findings(found: Tracking) -> tuple[str, ...]:
+    """Say what the tables come to, and what could not be recovered from the paper."""
+    return pham_tracking_findings.findings(found)
 
 
 def tables(found: Tracking) -> tuple[Table, ...]:
@@ -85,53 +107,7 @@ def tables(found: Tracking) -> tuple[Table, ...]:
         _scattered(found.scattered),
         _masters(found),
         _sharing(found),
-    )
-
-
-def findings(found: Tracking) -> tuple[str, ...]:
-    """Say what the tables come to, and what could not be recovered from the paper."""
-    rows = found.rows
-    power = max(
-        abs(here.power_mw / paper.power_mw - 1.0) for here, paper in zip(rows, PRINTED, strict=True)
-    )
-    ratio = max(
-        abs(here.same_ratio / paper.active - 1.0) for here, paper in zip(rows, PRINTED, strict=True)
-    )
-    gain = [row.plain_m2 / row.kalman_m2 for row in rows]
-    better = [row.kalman_m2 / row.ranges_m2 for row in rows]
-    wild, calm = found.hand_overs
-    return (
-        "Table 2.1, counts: x(t) = 5 - 5 cos(pi t / 10) and the radii below give every printed "
-        "count of measuring and of active sensors to its last digit. The paper prints neither x(t) "
-        "nor radii. One ratio R_2 = 1.8 R_a for all rows gives the measuring sensors as exactly, "
-        f"the active ones within {100 * ratio:.1f} %; no common pair of ratios and angle was "
-        "found that gives all five.",
-        f"Table 2.1, power: (2.31) plus 56 W is within {100 * power:.2f} % of every printed value; "
-        "what the 56 W are the text does not say.",
-        "Table 2.1, errors without the filter: could not be recovered. With ranges of sigma .2 the "
-        "variance of trilateration falls as one over the number of sensors "
-        f"({_row_of(rows, 'plain_m2')} e-3); the printed column falls as one over its root, as a "
-        "standard deviation would, and rises again in the last row; the text says 21.71 where the "
-        "table says 24.71.",
-        "Table 2.1, errors with the filter: the state noise .01 is read as printed in (2.32), on "
-        f"position and velocity both, each cycle ({_row_of(rows, 'kalman_m2')} e-3; printed "
-        f"{1e3 * PRINTED[0].kalman_m2:.2f} to {1e3 * PRINTED[-1].kalman_m2:.2f} e-3). The gain "
-        f"over no filter is {min(gain):.0f} to {max(gain):.0f} times in variance (paper "
-        f"{PRINTED[0].plain_m2 / PRINTED[0].kalman_m2:.0f} to "
-        f"{PRINTED[-1].plain_m2 / PRINTED[-1].kalman_m2:.0f}).",
-        "A filter on the ranges themselves, without trilateration, has "
-        f"{min(better):.1f} to {max(better):.1f} times less variance than Pham's on the same "
-        "readings.",
-        "Figs. 2.6, 2.7: error grows with speed and with noise, as the paper says; its curves are "
-        "pictures without numbers in the text. At 3 m/s, where the target turns within 4.4 m/s^2, "
-        "Pham's filter lags so much that it errs by "
-        f"{_worst(found.noises):.2f} times what trilateration alone does, at worst.",
-        f"Hand-overs, alpha {pham_masters.ALPHA:g}, batteries of {pham_masters.BATTERY_J:g} J: "
-        f"{wild.reign.hand_overs} in 2000 cycles by the paper's rule, {calm.reign.hand_overs} with "
-        f"a margin of {calm.margin:g}, at the same error ({wild.shared_m:.3f} m) where the state "
-        f"travels. Told nothing, masters err by {wild.alone_m:.3f} m and {calm.alone_m:.3f} m. The "
-        "paper gives no battery; the count depends on it, because the role wanders only as "
-        "masters spend.",
+        _services(found.services),
     )
 
 
@@ -243,9 +219,27 @@ def _sharing(found: Tracking) -> Table:
     return Table("Scenario 5: whether the filter's state travels", columns, lines)
 
 
-def _worst(found: Sweep) -> float:
-    return float((found.kalman_m / found.plain_m).max())
-
-
-def _row_of(rows: tuple[Found, ...], field: str) -> str:
-    return ", ".join(f"{1e3 * getattr(row, field):.2f}" for row in rows)
+def _services(found: tuple[Service, ...]) -> Table:
+    lines = tuple(
+        (
+            one.policy.name,
+            f"{one.hand_overs}",
+            f"{one.arrived} / {one.lost}",
+            f"{one.mean_hops:.1f}",
+            f"{one.messages_j:.1f}",
+            f"{sum(one.found.totals_j.values()):.0f}",
+            f"{(one.found.residual_j / one.found.battery_j).min():.2f}",
+        )
+        for one in found
+    )
+    columns = (
+        "master by",
+        "hand-overs",
+        "reports arrived / lost",
+        "hops of a report",
+        "messages [J]",
+        "all [J]",
+        "least residual",
+    )
+    title = f"What a sink at the corner gets, batteries of {pham_sink.BATTERY_J:g} J"
+    return Table(title, columns, lines)

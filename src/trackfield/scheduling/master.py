@@ -98,16 +98,17 @@ def fitness(bells: Bells, nodes: Matrix, *, target: Vector, heading: Vector) -> 
 def relative_costs(mastership: ArrayLike, hops: Indices, *, per_hop: float) -> Vector:
     """Compute rho (n,): what a master and its reports cost, over the most expensive, Pham 5.3.1.
 
-    `mastership` (n,) is what an interval as master costs each node, e.g. (5.1); `per_hop` what a
-    hop of its report to the sink costs; both in one unit. Nodes with `hops` (n,) of -1 reach no
-    sink and cost `CUT_OFF`, more than any that does.
+    `mastership` (n,) is what an interval as master costs each node, e.g. (5.1), infinite for who
+    cannot afford one; `per_hop` what a hop of its report to the sink costs; both in one unit. Nodes
+    with `hops` (n,) of -1 reach no sink and cost `CUT_OFF`, more than any that does.
     """
     reached = np.asarray(hops) != UNREACHED
     total = np.asarray(mastership, np.float64) + per_hop * np.maximum(hops, 0)
-    if not (np.isfinite(total) & (total >= 0.0)).all():
-        raise InputError("found costs below 0 or without a number, expected finite ones, 0 or more")
-    most = total[reached].max(initial=0.0)
-    return np.where(reached, total / most if most > 0.0 else 0.0, CUT_OFF)
+    if not (total >= 0.0).all():
+        raise InputError("found costs below 0 or without a number, expected 0 or more")
+    most = total[reached & np.isfinite(total)].max(initial=0.0)
+    rho = np.where(reached, total / most if most > 0.0 else 0.0, CUT_OFF)
+    return np.where(np.isfinite(total), rho, np.inf)
 
 
 def choose(
