@@ -140,6 +140,26 @@ def test_the_end_of_a_battery_is_told_with_its_time():
     np.testing.assert_allclose(found.residual_j, [2.1, 0.0])
 
 
+@given(scene=scenes())
+@settings(max_examples=40)
+def test_how_long_nodes_last_is_how_long_the_first_of_them_does(scene):
+    battery, orders, _ = scene
+    now, _ = meter.step(
+        meter.init(ENERGY, NAMES, battery_j=1e3 + battery), 10.0, commands=orders_of(orders)
+    )
+    first = now.lasts_s.min()
+    before, _ = meter.step(now, 10.0 + 0.999 * first)
+    after, spent = meter.step(now, 10.0 + 1.001 * first)
+    assert before.alive.all()
+    assert spent.exhausted[0] == np.argmin(now.lasts_s)
+    assert after.exhausted_s.min() == pytest.approx(10.0 + first)
+    assert (after.lasts_s[spent.exhausted] == 0.0).all()
+
+
+def test_who_spends_nothing_lasts_for_ever():
+    assert np.isinf(meter.init(Energy(sleep_mw=0.0), "ab").lasts_s).all()
+
+
 def test_commands_are_told_by_name():
     commands = Commands(
         np.array([0.0]), np.array([1], np.int32), np.array([1], np.int32), ("x", "b")

@@ -152,6 +152,16 @@ def estimates(cases: Sequence[Case], *, runs: int, rng: np.random.Generator) -> 
     return [Estimates(*three) for three in zip(plain, kalman, ours, strict=True)]
 
 
+def deviations(way: Passage, nodes: Matrix, sigma_m: float) -> Vector:
+    """Deviation (5,) [m] along x of trilateration in every row, exact: the root of mean Theta."""
+    found: list[float] = []
+    for row in PRINTED:
+        who = pham_passage.hearing(way, nodes, row.measuring_m)
+        fixes = pham_passage.trilaterate(who, who.distance[None], sigma_m=sigma_m)
+        found.append(float(np.sqrt(fixes.covariance[:, 0, 0].mean())))
+    return np.array(found)
+
+
 def error_variances(way: Passage, found: Estimates) -> tuple[float, float, float]:
     """Variance [m^2] of the error along x over the cycles with a value, mean over the runs."""
     errors = (x - way.position[:, 0] for x in found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from trackfield.experiments import pham_masters, pham_sink
+from trackfield.experiments import pham_masters, pham_sink, pham_table21
 from trackfield.experiments.pham_sink import Service
 from trackfield.experiments.pham_sweeps import Sweep
 from trackfield.experiments.pham_table21 import PRINTED, Found
@@ -25,6 +25,8 @@ def findings(found: Tracking) -> tuple[str, ...]:
     gain = [row.plain_m2 / row.kalman_m2 for row in rows]
     better = [row.kalman_m2 / row.ranges_m2 for row in rows]
     wild, calm = found.hand_overs
+    roots = pham_table21.deviations(found.way, found.nodes, 0.029)
+    as_deviations = ", ".join(f"{1e3 * root:.1f}" for root in roots)
     return (
         "Table 2.1, counts: x(t) = 5 - 5 cos(pi t / 10) and the radii below give every printed "
         "count of measuring and of active sensors to its last digit. The paper prints neither x(t) "
@@ -36,8 +38,9 @@ def findings(found: Tracking) -> tuple[str, ...]:
         "Table 2.1, errors without the filter: could not be recovered. With ranges of sigma .2 the "
         "variance of trilateration falls as one over the number of sensors "
         f"({_row_of(rows, 'plain_m2')} e-3); the printed column falls as one over its root, as a "
-        "standard deviation would, and rises again in the last row; the text says 21.71 where the "
-        "table says 24.71.",
+        "standard deviation would, and rises again in the last row. Read so, its first two rows "
+        f"are those of ranges with sigma .029 ({as_deviations} e-3), of which the text says "
+        "nothing, and the others are not. The text says 21.71 where the table says 24.71.",
         "Table 2.1, errors with the filter: the state noise .01 is read as printed in (2.32), on "
         f"position and velocity both, each cycle ({_row_of(rows, 'kalman_m2')} e-3; printed "
         f"{1e3 * PRINTED[0].kalman_m2:.2f} to {1e3 * PRINTED[-1].kalman_m2:.2f} e-3). The gain "

@@ -23,7 +23,7 @@ from trackfield.network.meter_events import (
     events_of,
     no_messages,
 )
-from trackfield.network.meter_ledger import Ledger, advance
+from trackfield.network.meter_ledger import Ledger, advance, watts_of
 from trackfield.types import Commands, Indices, Matrix, Mode, Vector
 
 POSTS = ("sleeping", "active", "sensing", "master", "sent", "received")
@@ -67,6 +67,14 @@ class Meter(NamedTuple):
         """Energy of messages over the bits sent, each counted at every hop; 0 without any."""
         bits = float(self.sent_bits.sum())
         return float(self.spent_j[:, 4:].sum()) / bits if bits > 0.0 else 0.0
+
+    @property
+    def lasts_s(self) -> Vector:
+        """For how long each node (n,) would last if all did on what they do now; 0 of exhausted."""
+        watts = watts_of(self.mode, self.alive, self.energy)
+        forever = np.full(watts.size, math.inf)
+        lasting = np.divide(self.residual_j, watts, out=forever, where=watts > 0.0)
+        return np.where(self.alive, lasting, 0.0)
 
 
 class Spent(NamedTuple):

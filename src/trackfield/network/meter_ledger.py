@@ -165,7 +165,8 @@ def _posted(
 def _drained(ledger: Ledger, until_s: float, energy: Energy) -> Ledger:
     """Count until `until_s` without events: nodes are exhausted one after the other."""
     while ledger.t_s < until_s:
-        power, left = _watts(ledger, energy), np.maximum(ledger.left_j, 0.0)
+        power = watts_of(ledger.mode, ledger.alive, energy)
+        left = np.maximum(ledger.left_j, 0.0)
         lasts = np.divide(left, power, out=np.full(left.size, math.inf), where=power > 0.0)
         soonest = float(lasts.min(initial=math.inf))
         span = min(soonest, until_s - ledger.t_s)
@@ -178,9 +179,8 @@ def _drained(ledger: Ledger, until_s: float, energy: Energy) -> Ledger:
     return ledger
 
 
-def _watts(ledger: Ledger, energy: Energy) -> Vector:
-    """Power (n,) [W] of each node now."""
-    mode, alive = ledger.mode, ledger.alive
+def watts_of(mode: Indices, alive: NDArray[np.bool_], energy: Energy) -> Vector:
+    """Power (n,) [W] of each node in these modes (n,); 0 of those that are not `alive` (n,)."""
     sensing, masters = (
         np.count_nonzero(alive & (mode == which)) for which in (Mode.SENSING, Mode.MASTER)
     )
