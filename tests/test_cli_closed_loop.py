@@ -14,6 +14,9 @@ from trackfield.types import Mode
 
 SCENARIO = ROOT / "examples" / "scenarios" / "closed_loop.toml"
 SHORT = SCENARIO.read_text().replace("duration_s = 120.0", "duration_s = 30")
+BLIND = SHORT.replace("sensors = 4\n", "sensors = 4\nenergy_weight = 0\n").replace(
+    "battery_j = 1000", "battery_j = 1e12"
+)
 
 
 @pytest.fixture
@@ -23,7 +26,7 @@ def call(capsys):
 
 @pytest.fixture
 def folder(call, tmp_path):
-    (tmp_path / "s.toml").write_text(SHORT)
+    (tmp_path / "s.toml").write_text(BLIND)
     call("simulate", tmp_path / "s.toml", "-o", tmp_path / "out")
     return tmp_path / "out"
 
@@ -81,3 +84,61 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_run(call, tmp_pa
     done = call("simulate", tmp_path / "s.toml", "-o", tmp_path / "out")
     assert done.code == 2
     assert "commands.csv" in done.err
+
+
+def test_track_tells_what_nodes_would_have_been_told(call, folder):
+    made = folder / "told.csv"
+    done = call(
+        "track", folder / "site.toml", folder / "measurements.csv",
+        "-o", folder / "tracks.csv", "--commands", made, "--json",
+    )  # fmt: skip
+    assert (done.code, done.err) == (0, "")
+    assert done.json["commands"] == str(made)
+    site = load_site(folder / "site.toml")
+    told = read_commands(made, sensor_ids=site.sensor_ids)
+    assert len(told) == done.json["scheduling"]["commands"]
+    # Where energies do not count, those who were told in the loop would have been told again.
+    looped = read_commands(folder / "commands.csv", sensor_ids=site.sensor_ids)
+    for name in ("t_s", "sensor", "mode"):
+        np.testing.assert_array_equal(getattr(told, name), getattr(looped, name))
+    words = call(
+        "track", folder / "site.toml", folder / "measurements.csv",
+        "-o", folder / "tracks.csv", "--commands", made,
+    )  # fmt: skip
+    assert "changes of modes in" in words.out
+
+
+def test_commands_need_what_is_known_in_time_and_sensors(call, folder, tmp_path):
+    parts = ("track", folder / "site.toml", folder / "measurements.csv", "-o", folder / "t.csv")
+    late = call(*parts, "--commands", folder / "c.csv", "--lag", "2")
+    assert late.code == 2
+    assert "--commands: found with --lag" in late.err
+    assert not (folder / "c.csv").exists()
+    same = call(*parts, "--commands", folder / "t.csv")
+    assert same.code == 2
+    (tmp_path / "r.toml").write_text(
+        "duration_s = 20\nregion = [0, 0, 30, 30]\n[reports]\n[[targets]]\ncount = 1\n"
+    )
+    call("simulate", tmp_path / "r.toml", "-o", tmp_path / "r")
+    none = call(
+        "track", tmp_path / "r" / "site.toml", tmp_path / "r" / "reports.csv",
+        "-o", folder / "t.csv", "--commands", folder / "c.csv",
+    )  # fmt: skip
+    assert none.code == 2
+    assert "no sensors that could be scheduled" in none.err
+
+
+def test_commands_of_unknown_targets(call, tmp_path):
+    (tmp_path / "s.toml").write_text(
+        "duration_s = 30\nregion = [0, 0, 30, 30]\n[sensors]\nspacing_m = 3\n[signal]\n"
+        "[[targets]]\ncount = 1\nat_start = 1\nspeed_m_s = [0.5, 0.5]\ninset_m = 12\n"
+    )
+    call("simulate", tmp_path / "s.toml", "-o", tmp_path / "o")
+    done = call(
+        "track", tmp_path / "o" / "site.toml", tmp_path / "o" / "measurements.csv",
+        "-o", tmp_path / "t.csv", "--commands", tmp_path / "c.parquet", "--json",
+    )  # fmt: skip
+    assert done.code == 0
+    commands = read_commands(tmp_path / "c.parquet")
+    assert done.json["scheduling"]["intervals"] > 25
+    assert {int(mode) for mode in commands.mode} == {0, 1, 2, 3}

@@ -41,7 +41,7 @@ def crossing(seed=0, rows=120, step_s=0.3, targets=2):
 def whole(place, rows):
     """All commands of a run."""
     commander = Commander(place)
-    return join_rows([commander.process(rows), commander.finish()]), commander
+    return commander.process(rows), commander
 
 
 def same(a: Commands, b: Commands):
@@ -57,7 +57,7 @@ def test_commands_are_those_of_a_scheduler_that_is_told_what_was_shown_by_then()
     state, modes, found, taken = plan.initial(), np.zeros(400, int), [], 0
     newest = np.maximum.accumulate(rows.t_s)
     for k in range(math.floor(newest[-1]) + 1):
-        upto = int((newest <= k).sum())
+        upto = int((newest < k).sum())
         sighted = sighted_rows(select_rows(rows, slice(taken, upto)), 0.01)
         state, told = plan.step(state, float(k), sighted=sighted)
         found += [(k, int(i), int(told.modes[i])) for i in np.flatnonzero(told.modes != modes)]
@@ -80,7 +80,6 @@ def test_commands_do_not_depend_on_cuts_or_on_being_put_down_and_taken_up(seed, 
             commander = Commander(place)
             commander.restore(data)
             assert commander.snapshot() == data
-    parts.append(commander.finish())
     same(join_rows(parts), expected)
     assert commander.counts == one.counts
     np.testing.assert_array_equal(commander.modes, one.modes)
@@ -106,19 +105,19 @@ def test_a_watermark_settles_what_no_row_can_change_any_more():
     assert commander.counts["commands"] == 401 + len(after)
 
 
-def test_a_row_at_the_time_of_commands_counts_for_them():
+def test_a_row_at_the_time_of_commands_counts_for_the_next():
     rows = tracks([1.0, 2.0], [1, 2], np.array([[10.0, 10.0, 0.0, 0.0], [4.0, 4.0, 0.0, 0.0]]))
     commander = Commander(site(sweep_s=0.0))
-    told = [commander.process(rows), commander.told, commander.finish(), commander.told]
-    assert [service.track for service in told[1][0].services] == [1]
-    assert [service.track for service in told[3][0].services] == [1, 2]
+    commander.process(rows, watermark_s=3.0)
+    told = [[service.track for service in told.services] for told in commander.told]
+    assert told == [[], [1], [1, 2]]
 
 
 def test_an_absurd_pause_costs_bounded_work():
     rows = tracks([0.5, 1e7], [1, 2], np.array([[10.0, 10.0, 0.0, 0.0]] * 2))
     commander = Commander(site(watch="never"))
-    commands = join_rows([commander.process(rows), commander.finish()])
-    assert commands.t_s.max() == 1e7
+    commands = commander.process(rows, watermark_s=1e7 + 1.0)
+    assert commands.t_s.max() == 1e7 + 1.0
     assert commander.counts["intervals"] < 2_200
     assert commander.counts["lost"] == 1
 
@@ -195,7 +194,7 @@ def test_every_setting_makes_a_difference(key):
     def run(**settings):
         commander = Commander(site(**settings))
         commander.tell_energy(energy)
-        return join_rows([commander.process(crossing()), commander.finish()])
+        return commander.process(crossing())
 
     usual, changed = run(**base), run(**base, **{key: other[key]})
     columns = [(c.t_s.tolist(), c.sensor.tolist(), c.mode.tolist()) for c in (usual, changed)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackfield.errors import ConfigurationError
@@ -18,11 +19,15 @@ class Lag(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What rows are wanted: how late, how far apart, and whether they are kept for a picture."""
+    """What rows are wanted: how late, how far apart, and whether they are kept for a picture.
+
+    What they let the scheduler tell sensor nodes goes to `commands`.
+    """
 
     lag: Lag = Lag()
     every_s: float = 0.0
     keep: bool = False
+    commands: Path | None = None
 
 
 class Outcome(NamedTuple):

@@ -17,7 +17,7 @@ from trackfield.cli.output import (
     progress,
     say,
 )
-from trackfield.cli.runs import Wanted, parse_lag
+from trackfield.cli.runs import Lag, Wanted, parse_lag
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from trackfield.pipeline.untagged import Feed
     from trackfield.types import Tracks, Truth
 
+_NO_LAG = "--commands: found with --lag, expected without: nodes are told what is known in time"
 _NO_PLOT = "--truth: found no --plot or --animate, expected something to draw it into"
 
 
@@ -60,6 +61,13 @@ def track(
     animate: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Play the tracks: .html or .gif.")
     ] = None,
+    commands: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write what the site's scheduler tells sensor nodes: CSV, NDJSON, Parquet.",
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of methods in which there is chance.")
     ] = 0,
@@ -82,8 +90,15 @@ def track(
     if animate is not None:
         check_animation(animate)
         check_output(animate, inputs)
+    if commands is not None:
+        check_output(commands, inputs)
+        if commands.resolve() == output.resolve():
+            raise ConfigurationError([f"--commands: found {commands}, where tracks are written"])
     known = read_truth(truth) if truth is not None else None
-    wanted = Wanted(parse_lag(lag), every, keep=plot is not None or animate is not None)
+    keep = plot is not None or animate is not None
+    wanted = Wanted(parse_lag(lag), every, keep=keep, commands=commands)
+    if commands is not None and wanted.lag != Lag():
+        raise ConfigurationError([_NO_LAG])
     feed = feed_of_file(loaded, data, seed)
     with progress("tracking") as moved:
         if feed is None:
@@ -93,6 +108,8 @@ def track(
             loaded = unknown.prepared(loaded, data, source=feed.source, method=method)
             run = unknown.run_tracker(loaded, data, output, feed=feed, wanted=wanted, moved=moved)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
+    if commands is not None:
+        result["commands"] = str(commands)
     if plot is not None:
         draw = tagged.draw if feed is None else unknown.draw
         draw(loaded, run.kept, known, plot)
@@ -106,6 +123,8 @@ def track(
     say(f"{output}: {run.numbers['rows']} rows, {run.numbers['shown']} of them shown")
     for line in run.told:
         say(line)
+    if commands is not None:
+        say(f"{commands}: written")
     if plot is not None:
         say(f"{plot}: drawn")
     if animate is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from trackfield.cli.output import RunError, naming, warn
 from trackfield.cli.runs import Outcome, Wanted
+from trackfield.cli.track_commands import orders_into
 from trackfield.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
@@ -65,12 +66,16 @@ def run_tracker(
     tracker = Tracker(
         site, lag_s=wanted.lag.seconds, lag_steps=wanted.lag.steps, every_s=wanted.every_s
     )
-    with open_tracks(output, origin=site.origin) as write:
+    with (
+        open_tracks(output, origin=site.origin) as write,
+        orders_into(wanted.commands, site) as orders,
+    ):
 
         def put(tracks: Tracks) -> None:
             nonlocal rows, visible
             rows, visible = rows + len(tracks), visible + int(shown(tracks).sum())
             write(tracks)
+            orders.take(tracks)
             kept.extend([tracks] if wanted.keep else [])
 
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
@@ -102,7 +107,8 @@ def run_tracker(
         f"{what}: " + ", ".join(f"{tracker.counts[key]} {name}" for key, name in names.items())
         for what, names in COUNTS.items()
     ]
-    return Outcome(numbers, told, warnings, kept)
+    told += orders.told
+    return Outcome({**numbers, **orders.numbers}, told, warnings, kept)
 
 
 def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast, get_args
 
 from trackfield.cli.output import naming, warn
 from trackfield.cli.runs import Outcome, Wanted
+from trackfield.cli.track_commands import orders_into
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -86,12 +87,17 @@ def run_tracker(
     tracker = UntaggedTracker(
         site, feed, lag_s=lag.seconds, lag_steps=lag.steps, every_s=wanted.every_s
     )
-    with open_tracks(output, origin=site.origin) as write, naming(data):
+    with (
+        open_tracks(output, origin=site.origin) as write,
+        orders_into(wanted.commands, site) as orders,
+        naming(data),
+    ):
 
         def put(tracks: Tracks) -> None:
             nonlocal rows, visible
             rows, visible = rows + len(tracks), visible + int(shown(tracks).sum())
             write(tracks)
+            orders.take(tracks)
             kept.extend([tracks] if wanted.keep else [])
 
         for chunk in stream(site, data, feed.source, moved):
@@ -126,7 +132,8 @@ def run_tracker(
         what: counts,
         "learned": dict(tracker.learned),
     }
-    return Outcome(numbers, told, warnings, kept)
+    told += orders.told
+    return Outcome({**numbers, **orders.numbers}, told, warnings, kept)
 
 
 def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:

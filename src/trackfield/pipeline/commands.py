@@ -30,7 +30,7 @@ from trackfield.scheduling.scheduler_state import (
 )
 from trackfield.types import Commands, Tracks, Vector, join_rows, select_rows
 
-_EARLY = 1e-9  # of an interval: a row of the very time of commands still counts for them
+_EARLY = 1e-9  # of an interval: times that differ by rounding are the same
 _COUNTS = ("intervals", "commands", "handovers", "late", "lost")
 _MOST_IDLE = 2000  # intervals without a track that are commanded one by one
 
@@ -38,11 +38,12 @@ _MOST_IDLE = 2000  # intervals without a track that are commanded one by one
 class Commander:
     """Tells the sensor nodes of a site what to do: `process`, `snapshot`, `restore`.
 
-    Commands are told at multiples of `interval_s`, from what rows of tracks said up to then; all
-    nodes sleep before the first. Those for a time are settled when a row of a later time comes, or
-    when a watermark says that none of an earlier one will: so they do not depend on how rows were
-    cut into tables. A row that comes late counts from the next commands on. Nodes whose messages
-    reach nobody, by the site's `[network]`, are told nothing.
+    Commands are told at multiples of `interval_s`, from what rows of tracks said before; all nodes
+    sleep until the first. Those for a time are settled when a row of that time or a later one
+    comes, for who measured it had been told by then, or when a watermark says that no earlier one
+    will: so they do not depend on how rows were cut into tables. A row that comes late counts from
+    the next commands on. Nodes whose messages reach nobody, by the site's `[network]`, are told
+    nothing.
     """
 
     def __init__(self, site: Site) -> None:
@@ -98,7 +99,7 @@ class Commander:
         for rows, t_s in self._by_time(tracks):
             if self._next is None:
                 self._next = math.floor(t_s / self._interval_s + _EARLY)
-            found += self._settled(math.ceil(t_s / self._interval_s - _EARLY) - 1)
+            found += self._settled(math.floor(t_s / self._interval_s + _EARLY))
             self._waiting = joined(self._waiting, sighted_rows(rows, self._density))
             self._newest_s = t_s
         if watermark_s is not None:
@@ -106,14 +107,6 @@ class Commander:
             self._next = last if self._next is None else self._next
             found += self._settled(last)
         return join_rows(found)
-
-    def finish(self) -> Commands:
-        """Settle the commands up to the time of the newest row."""
-        self._told = ()
-        last = (
-            math.floor(self._newest_s / self._interval_s + _EARLY) if self._next is not None else -1
-        )
-        return join_rows([self._nothing(), *self._settled(last)])
 
     def snapshot(self) -> bytes:
         """State of the run as bytes: a versioned header and the scheduler's own; not pickle."""
