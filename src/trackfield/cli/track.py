@@ -82,23 +82,10 @@ def track(
     loaded = load_site(site)
     if truth is not None and plot is None and animate is None:
         raise ConfigurationError([_NO_PLOT])
-    inputs = (site, data, truth, loaded.sensors_file)
-    check_output(output, inputs)
-    if plot is not None:
-        check_figure(plot)
-        check_output(plot, inputs)
-    if animate is not None:
-        check_animation(animate)
-        check_output(animate, inputs)
-    if commands is not None:
-        check_output(commands, inputs)
-        if commands.resolve() == output.resolve():
-            raise ConfigurationError([f"--commands: found {commands}, where tracks are written"])
     known = read_truth(truth) if truth is not None else None
     keep = plot is not None or animate is not None
     wanted = Wanted(parse_lag(lag), every, keep=keep, commands=commands)
-    if commands is not None and wanted.lag != Lag():
-        raise ConfigurationError([_NO_LAG])
+    check_outputs(output, wanted, plot, animate, inputs=(site, data, truth, loaded.sensors_file))
     feed = feed_of_file(loaded, data, seed)
     with progress("tracking") as moved:
         if feed is None:
@@ -108,8 +95,6 @@ def track(
             loaded = unknown.prepared(loaded, data, source=feed.source, method=method)
             run = unknown.run_tracker(loaded, data, output, feed=feed, wanted=wanted, moved=moved)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
-    if commands is not None:
-        result["commands"] = str(commands)
     if plot is not None:
         draw = tagged.draw if feed is None else unknown.draw
         draw(loaded, run.kept, known, plot)
@@ -123,12 +108,33 @@ def track(
     say(f"{output}: {run.numbers['rows']} rows, {run.numbers['shown']} of them shown")
     for line in run.told:
         say(line)
-    if commands is not None:
-        say(f"{commands}: written")
     if plot is not None:
         say(f"{plot}: drawn")
     if animate is not None:
         say(f"{animate}: drawn")
+
+
+def check_outputs(
+    output: Path,
+    wanted: Wanted,
+    plot: Path | None,
+    animate: Path | None,
+    *,
+    inputs: tuple[Path | None, ...],
+) -> None:
+    """Refuse, before the work, files that could not be written after it."""
+    commands = wanted.commands
+    for path in (output, plot, animate, commands):
+        if path is not None:
+            check_output(path, inputs)
+    if plot is not None:
+        check_figure(plot)
+    if animate is not None:
+        check_animation(animate)
+    if commands is not None and wanted.lag != Lag():
+        raise ConfigurationError([_NO_LAG])
+    if commands is not None and commands.resolve() == output.resolve():
+        raise ConfigurationError([f"--commands: found {commands}, where tracks are written"])
 
 
 def play(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 class Orders(NamedTuple):
     """What is told to nodes in a run: nothing, if nobody asked for it."""
 
+    path: Path | None
     commander: Commander | None
     parts: list[Commands]
 
@@ -25,9 +26,11 @@ class Orders(NamedTuple):
             self.parts.append(self.commander.process(tracks))
 
     @property
-    def numbers(self) -> dict[str, dict[str, int]]:
-        """Counts, for `--json`."""
-        return {} if self.commander is None else {"scheduling": self.commander.counts}
+    def numbers(self) -> dict[str, Any]:
+        """Where it is written, and counts, for `--json`."""
+        if self.commander is None:
+            return {}
+        return {"commands": str(self.path), "scheduling": self.commander.counts}
 
     @property
     def told(self) -> list[str]:
@@ -36,22 +39,22 @@ class Orders(NamedTuple):
             return []
         counts = self.commander.counts
         return [
-            f"nodes: {counts['commands']} changes of modes in {counts['intervals']} intervals, "
-            f"{counts['handovers']} hand-overs of masters, {counts['lost']} tracks given up"
+            f"{self.path}: {counts['commands']} changes of modes in {counts['intervals']} "
+            f"intervals, {counts['handovers']} hand-overs of masters, {counts['lost']} tracks given up"
         ]
 
 
 @contextmanager
 def orders_into(path: Path | None, site: Site) -> Generator[Orders]:
-    """Command the nodes of a site by the tracks of a run; the file is written if the run is good."""
+    """Command the nodes of a site by the tracks of a run; written only if the run is good."""
     from trackfield.io.commands import write_commands
     from trackfield.pipeline.commands import Commander
     from trackfield.types import join_rows
 
     if path is None:
-        yield Orders(None, [])
+        yield Orders(None, None, [])
         return
     commander = Commander(site)
-    orders = Orders(commander, [])
+    orders = Orders(path, commander, [])
     yield orders
     write_commands(path, join_rows(orders.parts))

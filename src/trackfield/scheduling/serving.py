@@ -14,7 +14,8 @@ from trackfield.network.kinds import SensorModel
 from trackfield.network.node_index import NodeIndex
 from trackfield.network.site import PolicyName, SchedulingSettings
 from trackfield.scheduling.cheapest import MOST, cheapest
-from trackfield.scheduling.selection import known, select
+from trackfield.scheduling.criteria import known
+from trackfield.scheduling.selection import select
 from trackfield.scheduling.soft_bound import Care
 from trackfield.sensing.detection import DetectionColumns, DetectionModel
 from trackfield.sensing.range import RangeModel
