@@ -34,6 +34,15 @@ All of this is printed and drawn by `trackfield reproduce oh -o FOLDER`. In brac
 intervals over scans, worlds or runs, by bootstrap.
 
 """,
+    "pham": """\
+# Pham: results
+
+<!-- Written by `make papers`. -->
+
+All of this is printed and drawn by `trackfield reproduce pham -o FOLDER`. Where two numbers stand side
+by side, the first one is the paper's.
+
+""",
 }
 
 
