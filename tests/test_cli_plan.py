@@ -154,6 +154,8 @@ def test_without_a_question_the_field_is_described(call, site, tmp_path):
     told = call("plan", site, "--json").json
     assert told["coverage"]["share"] == sorted(told["coverage"]["share"], reverse=True)
     assert told["network"] is None
+    assert told["steady"]["bounded"] == 1.0 - told["accuracy"]["undetermined"]
+    assert told["steady"]["rms_m"]["median"] < told["accuracy"]["rms_m"]["median"]
     assert told["battery_days"]["sleeping"] > told["battery_days"]["sensing"]
     assert (tmp_path / "field.png").exists()
 
@@ -188,6 +190,9 @@ def test_reach_without_end_has_no_coverage(call, site):
         (["--map", "a.xyz"], "a.xyz: found suffix '.xyz'"),
         (["--map", "a.geojson"], "found a site without origin"),
         (["--map", "a.csv", "--cell", "-1"], "--cell: found -1, expected a size above 0"),
+        (["--rms", "-1"], "--rms: found -1, expected an error above 0"),
+        (["--rms", "1", "--layout", "round"], "--layout: found 'round', expected one of: hexa"),
+        (["--rms", "1", "--at", "1,1"], "found --at and --rms, expected one question"),
         (["--plot", "site.toml"], "found suffix '.toml'"),
     ],
 )
@@ -219,3 +224,35 @@ def test_a_point_of_another_size_or_nowhere_is_refused(site):
     bare = replace(loaded, sensor_ids=(), positions=np.empty((0, 3)), models=())
     with pytest.raises(InputError, match="found no sensors"):
         plan_point(bare, np.zeros(2), 3)
+
+
+@pytest.mark.parametrize("layout", ["hexagonal", "random"])
+def test_a_better_error_needs_more_nodes(call, site, tmp_path, layout):
+    told = [
+        call("plan", site, "--rms", rms, "--layout", layout, "--seed", 3, "--json").json
+        for rms in (0.1, 0.2)
+    ]
+    assert told[0]["nodes"] > 1.5 * told[1]["nodes"]
+    assert all(one["enough"] and one["reached_share"] >= 0.95 for one in told)
+    picture = tmp_path / "nodes.png"
+    done = call("plan", site, "--rms", 0.2, "--layout", layout, "--seed", 3, "--plot", picture)
+    assert f"{told[1]['nodes']} nodes like s0 are enough" in done.out
+    assert picture.exists()
+
+
+def test_an_error_that_no_number_reaches_is_told(call, site):
+    site.write_text(site.read_text().replace("max_range_m = 8", "max_range_m = 0.5"))
+    done = call("plan", site, "--rms", 0.0001, "--layout", "square")
+    assert done.code == 1
+    assert "found no number of nodes up to" in done.err
+
+
+def test_a_field_that_fixes_no_position_has_no_error_in_the_long_run(call, tmp_path):
+    path = tmp_path / "two.toml"
+    rows = [f'[[sensors]]\nsensor_id = "{n}"\nx_m = {n}\ny_m = {n}\n' for n in range(2)]
+    model = '[models.r]\nkind = "range"\nmax_range_m = 0.5\n[reports]\nregion = [0, 0, 20, 20]\n'
+    path.write_text(model + "".join(rows))
+    told = call("plan", path, "--json").json
+    assert told["steady"]["rms_m"] is None
+    assert told["accuracy"]["rms_m"] is None
+    assert "seen by" in call("plan", path).out

@@ -38,16 +38,24 @@ def plan(
     cell: Annotated[
         float | None, typer.Option("--cell", metavar="M", help="Size of the map's cells [m].")
     ] = None,
+    rms: Annotated[
+        float | None,
+        typer.Option("--rms", metavar="M", help="How many nodes are enough for an error [m]."),
+    ] = None,
+    layout: Annotated[
+        str, typer.Option("--layout", help="hexagonal, square or random, with --rms.")
+    ] = "hexagonal",
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of all chance.")] = 0,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="Draw the answer.")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Plan the work of SITE's sensors: what they can do, whom to ask, how long they last."""
-    from trackfield.cli import plan_field, plan_map, plan_point
+    from trackfield.cli import plan_count, plan_field, plan_map, plan_point
     from trackfield.network.site_file import load_site
 
-    questions = {"--at": at, "--map": map_file}
+    questions = {"--at": at, "--map": map_file, "--rms": rms}
     asked = [name for name, given in questions.items() if given is not None]
     if len(asked) > 1:
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
@@ -66,6 +74,8 @@ def plan(
     elif map_file is not None:
         plan_map.check_map(map_file, [site])
         answer = plan_map.answer(loaded, map_file, sensors=sensors, cell_m=cell)
+    elif rms is not None:
+        answer = plan_count.answer(loaded, rms, layout=layout, seed=seed)
     else:
         answer = plan_field.answer(loaded, cell_m=cell)
     tell(answer, plot, as_json=as_json)

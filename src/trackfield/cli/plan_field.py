@@ -25,17 +25,20 @@ if TYPE_CHECKING:
 _CELLS = 60  # along the longer side
 _TIMES = 4  # that a place is seen, at most, in the table
 _DAY_S = 86400.0
+_ACCEL_M_S2 = 0.5  # of a target of which none is told
 
 
 def answer(site: Site, *, cell_m: float | None) -> Answer:
     """Tell accuracy, coverage, the way to the sinks, and how long batteries last in each mode."""
     found = mapped(site, cell_m=cell_m, cells=_CELLS)
     accuracy = accuracy_numbers(found)
+    steady = _steady(site, found)
     coverage, covered = _coverage(site)
     network, doubts = _network(site)
     numbers: dict[str, Any] = {
         "sensors": len(site.sensor_ids),
         "accuracy": accuracy,
+        "steady": steady,
         "coverage": coverage,
         "network": network,
         "battery_days": _days(site),
@@ -45,6 +48,7 @@ def answer(site: Site, *, cell_m: float | None) -> Answer:
         f"{site.name}: {len(site.sensor_ids)} sensors, {x_max - x_min:g} x {y_max - y_min:g} m"
     ]
     lines += ["one reading of each sensor in reach:", *accuracy_lines(accuracy)]
+    lines += _steady_lines(steady)
     return Answer(
         numbers,
         lines,
@@ -52,6 +56,49 @@ def answer(site: Site, *, cell_m: float | None) -> Answer:
         [*accuracy_doubts(accuracy), *doubts],
         lambda: _figure(site, found),
     )
+
+
+def _steady(site: Site, found: AccuracyMap) -> dict[str, Any]:
+    """Error that tracking tends to where targets stay about a place, a reading of each an interval.
+
+    None where it does not tend to any: a direction has no information.
+    """
+    from trackfield.scheduling.steady_error import steady_rms
+
+    axes = np.stack([found.major_m.values, found.minor_m.values], axis=-1)
+    there = found.determined.values > 0.0
+    told = np.where(there[..., None], axes, np.inf) ** -2.0
+    accel = site.target.accel_sigma_m_s2 or _ACCEL_M_S2
+    step_s = site.scheduling.interval_s
+    information = told[..., None] * np.eye(2)
+    rms = steady_rms(information, step_s=step_s, accel_sigma_m_s2=accel)
+    bounded = rms[np.isfinite(rms)]
+    return {
+        "interval_s": step_s,
+        "accel_sigma_m_s2": accel,
+        "bounded": float(bounded.size / rms.size),
+        "rms_m": {
+            "median": float(np.median(bounded)),
+            "q95": float(np.quantile(bounded, 0.95)),
+        }
+        if bounded.size
+        else None,
+    }
+
+
+def _steady_lines(steady: dict[str, Any]) -> list[str]:
+    rms, share = steady["rms_m"], 100.0 * steady["bounded"]
+    if rms is None:
+        return []
+    head = (
+        f"tracked with one an interval of {steady['interval_s']:g} s, accelerations of "
+        f"{steady['accel_sigma_m_s2']:g} m/s^2:"
+    )
+    return [
+        head,
+        f"  rms error in the long run: median {rms['median']:.3g} m, 95 % below {rms['q95']:.3g} m",
+        f"  bounded in {share:.3g} % of the region",
+    ]
 
 
 def _coverage(site: Site) -> tuple[dict[str, Any] | None, list[Table]]:

@@ -1,4 +1,4 @@
-"""Pham's dissertation: its tables and figures again, chapter by chapter, and what we find beside."""
+"""Pham's dissertation: its tables and figures again, chapter by chapter, and ours beside them."""
 
 from __future__ import annotations
 

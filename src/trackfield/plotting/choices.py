@@ -1,4 +1,4 @@
-"""Which sensors were chosen for a target: a map of them, and the ellipses that they leave."""
+"""Which sensors were chosen for a target and what they leave unknown; where nodes would stand."""
 
 # Matplotlib's own types leave keyword arguments unknown.
 # pyright: reportUnknownMemberType=false
@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
+from matplotlib.patches import Ellipse, Rectangle
 
 from trackfield.network.site import Site
 from trackfield.plotting.style import GREY, NAMED, PALETTE, SIGMAS_95, frame_map, new_figure
+from trackfield.raster import Region
 from trackfield.scheduling.point import PointPlan
 from trackfield.types import Matrix
 
@@ -22,6 +23,20 @@ def plot_choice(site: Site, plan: PointPlan) -> Figure:
     field, close = figure.subplots(1, 2)
     _draw_field(field, site, plan)
     _draw_ellipses(close, plan)
+    return figure
+
+
+def plot_nodes(nodes: Matrix, region: Region, *, title: str = "") -> Figure:
+    """Draw where nodes (n, 2) [m] would stand in a region."""
+    figure = new_figure(6.4, 6.0)
+    axes = figure.add_subplot()
+    frame_map(axes, title)
+    x_min, y_min, x_max, y_max = region
+    wide, high = x_max - x_min, y_max - y_min
+    axes.add_patch(Rectangle((x_min, y_min), wide, high, fill=False, ec=GREY))
+    axes.plot(*nodes.T, "o", color=PALETTE[0], ms=4)
+    axes.set_xlim(x_min - 0.03 * wide, x_max + 0.03 * wide)
+    axes.set_ylim(y_min - 0.03 * high, y_max + 0.03 * high)
     return figure
 
 
