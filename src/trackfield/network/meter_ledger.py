@@ -163,18 +163,26 @@ def _posted(
 
 
 def _drained(ledger: Ledger, until_s: float, energy: Energy) -> Ledger:
-    """Count until `until_s` without events: nodes are exhausted one after the other."""
+    """Count until `until_s` without events, each node to its own end if that comes sooner.
+
+    Only the end of a sensing or a master node changes what others spend, and only while there is a
+    master: the time is cut there.
+    """
     while ledger.t_s < until_s:
-        power = watts_of(ledger.mode, ledger.alive, energy)
-        left = np.maximum(ledger.left_j, 0.0)
+        alive = ledger.alive
+        power, left = watts_of(ledger.mode, alive, energy), np.maximum(ledger.left_j, 0.0)
         lasts = np.divide(left, power, out=np.full(left.size, math.inf), where=power > 0.0)
-        soonest = float(lasts.min(initial=math.inf))
+        tied = alive & (ledger.mode >= Mode.SENSING)
+        if not (tied & (ledger.mode == Mode.MASTER)).any():
+            tied[:] = False
+        soonest = float(lasts[tied].min(initial=math.inf))
         span = min(soonest, until_s - ledger.t_s)
+        t_s = until_s if span < soonest else min(ledger.t_s + span, until_s)
         spent = ledger.spent_j.copy()
-        spent[np.arange(left.size), ledger.mode] += power * span
-        t_s = until_s if span < soonest else ledger.t_s + span
+        spent[np.arange(left.size), ledger.mode] += power * np.minimum(lasts, span)
         over = lasts <= span
-        exhausted = np.where(over, min(t_s, until_s), ledger.exhausted_s)
+        ends = np.minimum(ledger.t_s + np.where(over, lasts, 0.0), until_s)
+        exhausted = np.where(over, ends, ledger.exhausted_s)
         ledger = _settled(ledger._replace(spent_j=spent, t_s=t_s, exhausted_s=exhausted), over)
     return ledger
 
