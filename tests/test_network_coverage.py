@@ -130,6 +130,29 @@ def test_shares_of_space_hold_between_their_bounds(seed):
         assert found.least <= seen.min()
 
 
+def test_the_bounds_of_a_ball_hold_wherever_its_cells_lie():
+    rng = np.random.default_rng(3)
+    box = Box(np.zeros(3), np.full(3, 4.0))
+    for _ in range(20):
+        reach = rng.uniform(0.8, 1.4)
+        ball = NodeIndex(rng.uniform(1.5, 2.5, (1, 3)))
+        found = coverage(ball, box, reach_m=reach, times=1, cell_m=0.2)
+        exact = 4 / 3 * math.pi * reach**3 / 64
+        shell = 4 * math.pi * reach**2 / 64 * np.linalg.norm(found.cell_m) / 2
+        assert found.low[0] < exact < found.high[0]
+        assert exact - found.low[0] == pytest.approx(shell, rel=0.3)
+        assert found.high[0] - exact == pytest.approx(shell, rel=0.3)
+
+
+def test_a_hole_between_all_middles_is_not_taken_for_seen():
+    nodes = NodeIndex(lattice(Box(np.full(3, -2.0), np.full(3, 6.0)), 1.0, layout="cubic"))
+    field = Box(np.zeros(3), np.full(3, 4.0))
+    found = coverage(nodes, field, reach_m=np.sqrt(0.75) - 0.01, cell_m=0.2)
+    assert found.share[0] == 1.0
+    assert found.low[0] < 1.0
+    assert found.least == 0
+
+
 @pytest.mark.parametrize("layout", ["cubic", "face-centred", "body-centred"])
 def test_a_covering_of_space_leaves_nothing_out(layout):
     nodes = NodeIndex(covering(SPACE, 1.5, layout=layout))

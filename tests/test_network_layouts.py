@@ -139,6 +139,20 @@ def test_a_covering_sees_every_place_of_its_region(layout, size, seed):
     assert cKDTree(nodes).query(places)[0].max() <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize(
+    ("region", "reach", "hexagonal", "square"),
+    [
+        (Region(0, 0, 10, 10), 1.0, 4 * 6 + 3 * 7, 8 * 8),
+        (Region(0, 0, 10, 8), 1.3, 5 * 5, 6 * 5),
+        (Region(0, 0, np.sqrt(3), 1), 1.0, 1, 2),
+    ],
+)
+def test_a_covering_is_counted_by_hand(region, reach, hexagonal, square):
+    """Rows of whole and half cells, beginning with that which needs fewer nodes."""
+    assert len(covering(region, reach)) == hexagonal
+    assert len(covering(region, reach, layout="square")) == square
+
+
 @pytest.mark.parametrize("layout", LATTICES)
 def test_a_covering_needs_few_more_nodes_than_an_endless_one(layout):
     box = box_for(layout, (40.0, 40.0, 40.0))

@@ -148,6 +148,43 @@ def test_a_belief_wider_than_the_field_ends_the_search_and_one_outside_is_gone()
     assert 2 not in search.track
 
 
+def test_a_belief_ends_at_the_border_of_its_ellipse():
+    """Wide in x, narrow in y, with a gate of 4.6: half an axis is 2.15 and 0.215 wide."""
+    half = np.sqrt(-2 * np.log(0.1)) * np.array([1.0, 0.1])
+    middle = np.array([5.0, 5.0])
+    means = np.array(
+        [
+            [-half[0] - 0.01, 5.0],
+            [-half[0] + 0.01, 5.0],
+            [10.0 + half[0] + 0.01, 5.0],
+            [10.0 + half[0] - 0.01, 5.0],
+            [5.0, -half[1] - 0.01],
+            [5.0, 10.0 + half[1] - 0.01],
+        ]
+    )
+    search = search_believed(
+        GRID,
+        means,
+        covariances=np.broadcast_to(np.diag([1.0, 0.01]), (6, 2, 2)),
+        probability=0.9,
+        reach_m=1.0,
+        field=FIELD,
+    )
+    assert search.gone.tolist() == [True, False, True, False, True, False]
+    # One that holds some corners of the field, and one that just holds all of them.
+    reach = np.hypot(5.0, 5.0) / np.sqrt(-2 * np.log(0.1))
+    corner = search_believed(
+        GRID,
+        np.array([[0.0, 0.0], [5.0, 5.0], middle]),
+        covariances=np.array([1.0, (0.999 * reach) ** 2, (1.001 * reach) ** 2])[:, None, None]
+        * np.eye(2),
+        probability=0.9,
+        reach_m=1.0,
+        field=FIELD,
+    )
+    assert corner.whole.tolist() == [False, False, True]
+
+
 def test_nodes_that_see_nothing_of_the_field_do_not_look():
     nodes = NodeIndex(np.array([[5.0, 5.0], [-0.5, 5.0], [-1.5, 5.0]]))
     search = search_reachable(

@@ -90,7 +90,10 @@ def test_a_shift_is_hardly_larger_than_the_smallest_there_is():
     )
     assert best.success
     for shift in watch.shifts:
-        assert (sees[:, shift].sum(axis=1) >= 1).all()
+        seen_by = sees[:, shift].sum(axis=1)
+        assert (seen_by >= 1).all()
+        # No node can be left out: each is the only one to see some cell.
+        assert (sees[seen_by == 1][:, shift].sum(axis=0) >= 1).all()
     assert len(watch.shifts[0]) <= 1.35 * round(best.fun)
 
 
