@@ -10,7 +10,7 @@ from scipy.spatial import Voronoi, cKDTree
 
 from trackfield.errors import InputError
 from trackfield.network.boxes import Box
-from trackfield.network.coverage import count_cells, count_map, coverage
+from trackfield.network.coverage import count_cells, count_map, coverage, times_seen
 from trackfield.network.holes import holes
 from trackfield.network.layouts import covering, covering_spacing, lattice
 from trackfield.network.node_index import NodeIndex
@@ -169,6 +169,15 @@ def test_a_map_counts_what_each_middle_sees():
     assert raster.values.shape == (28, 40)
     expected = seen_by(nodes, radii, raster.centres())
     np.testing.assert_array_equal(raster.values.ravel(), expected)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_places_of_any_kind_are_counted_as_they_are_seen(dimensions):
+    rng = np.random.default_rng(dimensions)
+    nodes, places = rng.uniform(0, 6, (80, dimensions)), rng.uniform(-1, 7, (500, dimensions))
+    radii = rng.uniform(0.5, 2.0, 80)
+    found = times_seen(NodeIndex(nodes), places, reach_m=radii)
+    np.testing.assert_array_equal(found, seen_by(nodes, radii, places))
 
 
 def farthest_point(nodes, region):

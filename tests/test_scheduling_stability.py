@@ -9,7 +9,9 @@ from scipy.linalg import solve_discrete_are
 from trackfield.errors import InputError
 from trackfield.localization.bounds import range_information
 from trackfield.motion import ConstantVelocity, RandomWalk, SteppedAcceleration
+from trackfield.network.site import Site
 from trackfield.raster import Region, cell_centres
+from trackfield.scheduling.accuracy import accuracy_map
 from trackfield.scheduling.stability import (
     Filtered,
     in_words,
@@ -18,7 +20,7 @@ from trackfield.scheduling.stability import (
     steady_state,
     undetectable,
 )
-from trackfield.scheduling.steady_error import steady_map, steady_rms
+from trackfield.scheduling.steady_error import steady_map, steady_of, steady_rms
 from trackfield.sensing.range import RangeModel
 
 
@@ -235,6 +237,24 @@ def test_a_map_is_unbounded_where_too_few_directions_are_seen():
     assert steady_rms(line, step_s=0.5, accel_sigma_m_s2=0.3)[0] == np.inf
     square = steady_rms(200.0 * np.eye(2), step_s=0.5, accel_sigma_m_s2=0.3)
     assert square < np.sqrt(2 / 200.0)
+
+
+def test_the_map_of_a_site_is_that_of_its_information():
+    rng = np.random.default_rng(1)
+    region = Region(0, 0, 12, 8)
+    positions = np.column_stack([rng.uniform([0, 0], [12, 8], (12, 2)), np.full(12, np.nan)])
+    model = RangeModel(sigma_m=0.1, max_range_m=3.5)
+    site = Site("s", tuple(f"s{i}" for i in range(12)), positions, (model,) * 12)
+    found = steady_of(accuracy_map(site, region, cell_m=0.5), step_s=0.4, accel_sigma_m_s2=0.5)
+    centres, shape = cell_centres(region, 0.5)
+    information = range_information(positions[:, :2], centres, models=model)
+    expected = steady_map(
+        region, information.reshape(*shape, 2, 2), step_s=0.4, accel_sigma_m_s2=0.5
+    )
+    bounded = np.isfinite(expected.values)
+    assert 0.3 < bounded.mean() < 1.0
+    np.testing.assert_array_equal(np.isfinite(found.values), bounded)
+    np.testing.assert_allclose(found.values[bounded], expected.values[bounded], rtol=1e-6)
 
 
 @given(factor=st.floats(1.1, 10.0), seed=st.integers(0, 100))

@@ -17,9 +17,10 @@ from trackfield.network.boxes import Box, box_of
 from trackfield.network.discs import depths
 from trackfield.network.node_index import NodeIndex, each_reach
 from trackfield.raster import Raster, Region
-from trackfield.types import Vector
+from trackfield.types import Indices, Matrix, Vector
 
 _FINENESS = {2: 20, 3: 8}  # cells to a mean reach, if nobody asks for another size
+_SLACK = 1e-9  # of a reach: what is just within it is, rounded or not
 _MOST_CELLS = 4_000_000
 
 
@@ -85,6 +86,14 @@ def coverage(
         least=int(counts.low.min()),
         cell_m=counts.cell_m,
     )
+
+
+def times_seen(nodes: NodeIndex, places: Matrix, *, reach_m: float | Vector) -> Indices:
+    """Count how many nodes (n, d) see each of `places` (p, d), of a surface or anywhere, (p,)."""
+    reach = each_reach(nodes, reach_m)
+    near = nodes.within(places, float(reach.max()))
+    seen = np.linalg.norm(near.offset, axis=1) <= reach[near.node] * (1.0 + _SLACK)
+    return np.bincount(near.place[seen], minlength=len(places)).astype(np.int32)
 
 
 def count_cells(

@@ -7,6 +7,7 @@ import numpy as np
 from trackfield.errors import InputError
 from trackfield.linalg import UNKNOWN_VARIANCE
 from trackfield.raster import Raster, Region
+from trackfield.scheduling.accuracy import AccuracyMap
 from trackfield.types import Matrix, Vector
 
 
@@ -20,20 +21,13 @@ def steady_rms(information: Matrix, *, step_s: float, accel_sigma_m_s2: float) -
     m = accel_sigma step^2 / sqrt(v) (Kalata's tracking index). Infinite where a direction has no
     information: errors there are not bounded.
     """
-    if not (step_s > 0.0 and accel_sigma_m_s2 > 0.0):
-        raise InputError(
-            f"found step_s {step_s:g} and accel_sigma_m_s2 {accel_sigma_m_s2:g}, expected both "
-            "above 0"
-        )
     if not np.isfinite(information).all():
         raise InputError("found information that is no number, expected finite matrices")
     told = np.linalg.eigvalsh(information)
     free = told[..., 0] <= np.maximum(1e-12 * told[..., -1], 1.0 / UNKNOWN_VARIANCE)
-    v = 1.0 / np.where(free[..., None], 1.0, told)
-    m = accel_sigma_m_s2 * step_s**2 / np.sqrt(v)
-    r = (4.0 + m - np.sqrt(8.0 * m + m**2)) / 4.0
-    total = (v * (1.0 - r**2)).sum(axis=-1)
-    return np.where(free, np.inf, np.sqrt(total))
+    variance = 1.0 / np.where(free[..., None], 1.0, told)
+    settled = _settled(variance, step_s=step_s, accel_sigma_m_s2=accel_sigma_m_s2)
+    return np.where(free, np.inf, np.sqrt(settled.sum(axis=-1)))
 
 
 def steady_map(
@@ -49,3 +43,23 @@ def steady_map(
         )
     rms = steady_rms(information, step_s=step_s, accel_sigma_m_s2=accel_sigma_m_s2)
     return Raster(region, rms)
+
+
+def steady_of(found: AccuracyMap, *, step_s: float, accel_sigma_m_s2: float) -> Raster:
+    """Map `steady_rms` over a site in the plane, of all readings of its map of accuracy."""
+    axes = np.stack([found.minor_m.values, found.major_m.values], axis=-1) ** 2
+    settled = _settled(axes, step_s=step_s, accel_sigma_m_s2=accel_sigma_m_s2)
+    rms = np.where(found.determined.values > 0.0, np.sqrt(settled.sum(axis=-1)), np.inf)
+    return Raster(found.rms_m.region, rms)
+
+
+def _settled(variance: Matrix, *, step_s: float, accel_sigma_m_s2: float) -> Matrix:
+    """Variance (...) that one axis settles at, of measurements of `variance` (...)."""
+    if not (step_s > 0.0 and accel_sigma_m_s2 > 0.0):
+        raise InputError(
+            f"found step_s {step_s:g} and accel_sigma_m_s2 {accel_sigma_m_s2:g}, expected both "
+            "above 0"
+        )
+    m = accel_sigma_m_s2 * step_s**2 / np.sqrt(variance)
+    r = (4.0 + m - np.sqrt(8.0 * m + m**2)) / 4.0
+    return variance * (1.0 - r**2)
