@@ -59,6 +59,21 @@ def test_in_space_the_third_is_nearest_to_the_normal_and_the_fourth_is_the_best(
     assert chosen.tolist() == best_with(sensors, (i, j, third), position)
 
 
+@given(seeds, st.integers(5, 8))
+def test_as_printed_the_fourth_is_the_best_for_trilateration(seed, n):
+    sensors, position = field(seed, n, 3)
+    chosen = function_3d(sensors, position, printed=True).tolist()
+    other = function_3d(sensors, position).tolist()
+    ols, others_ols = (traces(sensors[s], position).ordinary for s in (chosen, other))
+    assert ols <= others_ols * (1 + 1e-9)
+    shared = set(chosen) & set(other)
+    assert len(shared) >= 3
+    if len(shared) == 3:
+        rest = [i for i in range(n) if i not in shared]
+        least = min(traces(sensors[[*shared, i]], position).ordinary for i in rest)
+        assert ols == pytest.approx(least, rel=1e-9)
+
+
 @given(seeds, st.integers(5, 8), st.sampled_from([2, 3]))
 def test_the_next_one_is_the_best_next_one(seed, n, d):
     sensors, position = field(seed, n, d)

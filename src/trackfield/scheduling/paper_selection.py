@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from trackfield.errors import InputError
+from trackfield.localization.trilateration import ordinary_covariance
 from trackfield.types import Indices, Matrix, Vector
 
 
@@ -31,17 +32,22 @@ def function_2d(sensors: Matrix, position: Vector, *, printed: bool = False) -> 
     return _sorted(i, j, _first_most(wanted, (i, j)))
 
 
-def function_3d(sensors: Matrix, position: Vector) -> Indices:
+def function_3d(sensors: Matrix, position: Vector, *, printed: bool = False) -> Indices:
     """Four of `sensors` (n, 3) [m] for a target at `position` (3,), Pham 3.4, Function-3D.
 
     The pair nearest to a right angle; the third whose line of sight is nearest to the normal of
-    their plane; the fourth of least trace, that of the bound of four ranges. Returns their rows,
-    ascending. `InputError` for fewer than four sensors, or one where the target is.
+    their plane; the fourth of least trace: that of the bound of four ranges, or as `printed` that
+    of trilateration, Theta (3.13), which is another matter in space: four sensors near a plane
+    leave its least squares hardly anything. Returns their rows, ascending. `InputError` for fewer
+    than four sensors, or one where the target is.
     """
     u = _directions(sensors, position, 4)
     i, j = _squarest(u)
     k = _first_most(np.abs(u @ np.cross(u[i], u[j])), (i, j))
-    return _sorted(i, j, k, _next(u, (i, j, k)))
+    if not printed:
+        return _sorted(i, j, k, _next(u, (i, j, k)))
+    rest = [m for m in range(len(u)) if m not in (i, j, k)]
+    return _sorted(i, j, k, min(rest, key=lambda m: _theta(sensors[[i, j, k, m]], position)))
 
 
 def best_pair_and_next(sensors: Matrix, position: Vector, k: int) -> Indices:
@@ -84,6 +90,11 @@ def _next(u: Matrix, chosen: tuple[int, ...]) -> int:
     informations = rows.T @ rows + u[:, :, None] * u[:, None, :]
     roots = np.linalg.eigvalsh(informations)
     return _first_most(-(1.0 / np.maximum(roots, 1e-12)).sum(axis=1), chosen)
+
+
+def _theta(sensors: Matrix, position: Vector) -> float:
+    """Trace of trilateration's covariance over sigma^2, to first order."""
+    return float(np.trace(ordinary_covariance(sensors, position, sigma_m=1.0, first_order=True)))
 
 
 def _first_most(wanted: Vector, taken: tuple[int, ...]) -> int:
