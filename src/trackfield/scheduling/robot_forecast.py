@@ -15,7 +15,8 @@ KEPT = 128  # samples; when they are so many every other one goes
 _TESTED = 64  # fits of a kind that are still put to the test
 _RECENT = 6  # samples of the straight line
 _EXACT = 1e-3  # of the tolerance: who errs by no more is believed at any lead
-_LEADS = np.concatenate([np.arange(1, 25), np.arange(27, 400, 3)])  # samples ahead; far ones thin
+_LEADS: Vector = np.append(np.arange(1.0, 25.0), np.arange(27.0, 400.0, 3.0))
+"""Samples ahead; far ones are thin."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,7 +100,7 @@ def _bases(s: Vector, rates: Vector) -> Matrix:
 def _best(bases: Matrix, y: Matrix, shrink: float) -> tuple[int, Matrix, float]:
     """Which of the bases (k, m, 4) fits best, its coefficients (4, 2), and what is left over."""
     transposed = bases.transpose(0, 2, 1)
-    coefficients = np.linalg.solve(transposed @ bases + _penalty(y, shrink), transposed @ y)
+    coefficients = _solved(transposed @ bases + _penalty(y, shrink), transposed @ y)
     squares = np.square(y - bases @ coefficients).sum(axis=(1, 2))
     cost = squares + shrink * np.square(coefficients[:, 1:]).sum(axis=(1, 2))
     best = int(cost.argmin())
@@ -114,7 +114,7 @@ def _polished(s: Vector, y: Matrix, rate: float, shrink: float) -> tuple[float, 
     for _ in range(_POLISH):
         X = basis[0]
         slope = s[:, None] * (X[:, 2:3] * coefficients[3] - X[:, 3:4] * coefficients[2])
-        fitted = np.linalg.solve(X.T @ X + _penalty(y, shrink), X.T @ slope)
+        fitted = _solved(X.T @ X + _penalty(y, shrink), X.T @ slope)
         rest = slope - X @ fitted  # what the coefficients cannot do as well
         step = float(np.sum(rest * (y - X @ coefficients)))
         tried = rate + step / max(float(np.sum(rest**2)), np.finfo(float).tiny)
@@ -124,6 +124,10 @@ def _polished(s: Vector, y: Matrix, rate: float, shrink: float) -> tuple[float, 
             break
         rate, coefficients, left_over = tried, found, less
     return rate, coefficients, left_over
+
+
+def _solved(matrix: Matrix, right: Matrix) -> Matrix:
+    return np.asarray(np.linalg.solve(matrix, right), np.float64)
 
 
 def _penalty(y: Matrix, shrink: float) -> Matrix:
