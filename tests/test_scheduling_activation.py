@@ -238,7 +238,7 @@ def test_an_index_tells_its_size():
 
 @pytest.mark.speed
 def test_the_regions_of_twenty_targets_are_found_faster_than_all_distances():
-    """Of 10,000 nodes: about a fourth of the time of measuring the way to every one of them."""
+    """Of 10,000 nodes: about a fifteenth of the time of measuring the way to each of them."""
     rng = np.random.default_rng(0)
     nodes = NodeIndex(rng.uniform(0, 100, (10_000, 2)))
     positions, headings = rng.uniform(0, 100, (20, 2)), rng.normal(size=(20, 2))
@@ -251,4 +251,4 @@ def test_the_regions_of_twenty_targets_are_found_faster_than_all_distances():
         far = np.linalg.norm(nodes.positions - positions[:, None], axis=2)
         plain.append(time.process_time() - done)
     assert (far[found.track, found.node] <= ZONE.far_m).all()
-    assert min(ours) < 1.5 * 0.5 * min(plain), (min(ours), min(plain))
+    assert min(ours) < 1.5 * 0.08 * min(plain), (min(ours), min(plain))
