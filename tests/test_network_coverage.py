@@ -108,6 +108,18 @@ def test_share_of_a_square_lattice_in_closed_form():
     np.testing.assert_allclose(shares, [disc_area(0.6) - 2 * lens(0.6, 1.0), 2 * lens(0.6, 1.0)])
 
 
+def test_slivers_count_that_no_raster_shows():
+    """Pham's field, with circles that touch its border: 10 nodes along a thin strip, else 11."""
+    ticks = 0.5 * np.arange(21)
+    nodes = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    field = Region(0, 0, 10, 10)
+    found = coverage(NodeIndex(nodes), field, reach_m=1.5, times=11)
+    assert found.least == 10
+    assert 0 < 1 - found.share[-1] < 1e-5
+    assert count_cells(NodeIndex(nodes), field, reach_m=1.5, cell_m=0.05).middle.min() == 11
+    assert seen_by(nodes, 1.5, np.array([[3.8e-4, 0.0419]]))[0] == 10
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_shares_of_space_hold_between_their_bounds(seed):
     rng = np.random.default_rng(seed)

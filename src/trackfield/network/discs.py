@@ -14,7 +14,7 @@ from trackfield.types import Vector
 
 _OUTSIDE = 1 << 40  # depth of what lies outside of the rectangle: no number of discs comes near
 _CHUNK = 500  # circles at a time: memory stays bounded
-_SHORT = 1e-9  # of a radius or side: an arc of this length is the rounding of a point
+_SHORT = 1e-6  # of a radius or side: circles that touch are cut this short by rounding, and less
 _TURN = 2.0 * math.pi
 
 
