@@ -67,7 +67,7 @@ class Tracked(NamedTuple):
 Choose = Callable[[Matrix, Gaussian], Indices]
 
 
-class Way(NamedTuple):
+class Tactic(NamedTuple):
     """A way of tracking: who is asked, and whether trilateration stands before the filter."""
 
     choose: Choose
@@ -89,22 +89,22 @@ def flight(rng: np.random.Generator, *, cycles: int | None = None) -> Flight:
     return Flight(nodes, t_s, np.column_stack([plane, height(plane) + ABOVE_M]))
 
 
-def ways() -> Mapping[str, Way]:
+def ways() -> Mapping[str, Tactic]:
     """List the ways: the paper's (the fourth node by the trace of Theta), and what is better."""
     return {
-        "Function-3D, trilateration": Way(_function_3d_printed, fixes=True),
-        "Function-3D, ranges": Way(_function_3d, fixes=False),
-        "best four, ranges": Way(_best_four, fixes=False),
-        "best four for the filter, ranges": Way(_best_for_filter, fixes=False),
-        "all in reach, trilateration": Way(_all, fixes=True),
-        "all in reach, ranges": Way(_all, fixes=False),
+        "Function-3D, trilateration": Tactic(_function_3d_printed, fixes=True),
+        "Function-3D, ranges": Tactic(_function_3d, fixes=False),
+        "best four, ranges": Tactic(_best_four, fixes=False),
+        "best four for the filter, ranges": Tactic(_best_for_filter, fixes=False),
+        "all in reach, trilateration": Tactic(_all, fixes=True),
+        "all in reach, ranges": Tactic(_all, fixes=False),
     }
 
 
-def track(flown: Flight, way: Way, *, runs: int, rng: np.random.Generator) -> Tracked:
+def track(flown: Flight, tactic: Tactic, *, runs: int, rng: np.random.Generator) -> Tracked:
     """Track the target `runs` times, asking nodes by where the filter expects it."""
     first = np.random.default_rng(int(rng.integers(2**63)))
-    all_runs = [_run(flown, way, first) for _ in range(runs)]
+    all_runs = [_run(flown, tactic, first) for _ in range(runs)]
     near = [run for run in all_runs if run.rows[:, 0].max() <= ASTRAY_M**2]
     kept = near or all_runs
     columns = np.mean([run.rows for run in kept], axis=0).T
@@ -116,7 +116,7 @@ class _Run(NamedTuple):
     path: Matrix
 
 
-def _run(flown: Flight, way: Way, rng: np.random.Generator) -> _Run:
+def _run(flown: Flight, tactic: Tactic, rng: np.random.Generator) -> _Run:
     motion = ConstantVelocity(ACCEL_DENSITY, dimensions=3)
     F, Q = motion.transition(CYCLE_S), motion.noise(CYCLE_S)
     velocity = (flown.position[1] - flown.position[0]) / CYCLE_S
@@ -128,9 +128,9 @@ def _run(flown: Flight, way: Way, rng: np.random.Generator) -> _Run:
     for k, target in enumerate(flown.position):
         prior = kalman.predict(belief, F, Q) if k else belief
         inside = flown.nodes[distance(flown.nodes, target) <= REACH_M]
-        asked = inside[way.choose(inside, prior)] if len(inside) > NEEDED else inside
+        asked = inside[tactic.choose(inside, prior)] if len(inside) > NEEDED else inside
         ranges = distance(asked, target) + SIGMA_M * rng.standard_normal(len(asked))
-        belief, fix = _update(prior, asked, np.abs(ranges), fixes=way.fixes)
+        belief, fix = _update(prior, asked, np.abs(ranges), fixes=tactic.fixes)
         path[k] = belief.mean[:3]
         bound = range_bound(asked, target, models=RangeModel(sigma_m=SIGMA_M)).covariance
         power = network_power(

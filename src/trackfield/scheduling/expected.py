@@ -57,7 +57,7 @@ class Expected(NamedTuple):
 
 
 def places(belief: Gaussian, *, order: int = 5) -> Places:
-    """Places that stand for a Gaussian: the grid of `order`^d nodes of Gauss-Hermite quadrature.
+    """Places that stand for a Gaussian: the grid of order^d nodes of Gauss-Hermite quadrature.
 
     Means of polynomials of degree 2 order - 1 are exact; at the edge of a range the more the
     better. `InputError` for an order outside 1 to 20.
