@@ -70,6 +70,8 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Network": "[network]",
     "Scheduling": "[scheduling]",
     "Energy": "[energy]",
+    "Robot": "[robot]",
+    "Obstacle": "[[obstacles]]",
 }
 # Documented by the keys of the model itself.
 TITLES = {kind: kind.title().replace("_", "") for kind in KINDS}

@@ -40,7 +40,8 @@ class Orders(NamedTuple):
         counts = self.commander.counts
         return [
             f"{self.path}: {counts['commands']} changes of modes in {counts['intervals']} "
-            f"intervals, {counts['handovers']} hand-overs of masters, {counts['lost']} tracks given up"
+            f"intervals, {counts['handovers']} hand-overs of masters, {counts['lost']} tracks "
+            "given up"
         ]
 
 

@@ -74,6 +74,12 @@ _BOUNDS = {
     "hysteresis": _NOT_NEGATIVE,
     "energy_weight": _NOT_NEGATIVE,
     "energy.battery_j": _POSITIVE,
+    "comm_m": _POSITIVE,
+    "sensing_m": _POSITIVE,
+    "error_m": _NOT_NEGATIVE,
+    "wheel_base_m": _POSITIVE,
+    "max_steering_deg": Bound({"gt": 0.0, "lt": 90.0}, "degrees between 0 and 90"),
+    "robot.radius_m": _NOT_NEGATIVE,
     "window_steps": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
 }
 

@@ -12,6 +12,7 @@ from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, kind_of
 from trackfield.network.site import (
     ReportSettings,
+    Robot,
     SchedulingSettings,
     Site,
     Target,
@@ -26,6 +27,8 @@ _DERIVED = frozenset(  # from data or sensors, when it is needed
         "scheduling.bound_m2",
         "scheduling.reach_m",
         "scheduling.ahead_s",
+        "robot.comm_m",
+        "robot.sensing_m",
     }
 )
 _OPEN_TARGET = "target.births_per_s"  # what is learned of targets if not given
@@ -80,6 +83,7 @@ def settings(site: Site) -> Mapping[str, Setting]:
         ("reports", site.reports, ReportSettings()),
         ("scheduling", site.scheduling, SchedulingSettings()),
         ("energy", site.energy, Energy()),
+        *([("robot", site.robot, Robot())] if site.robot != Robot() else []),
         *([("network", site.network, Channel())] if site.network is not None else []),
     ):
         defaults = asdict(usual)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,6 +111,29 @@ class SchedulingSettings:
     energy_weight: float = 1.0  # how much nodes with little energy are spared; 0: not at all
 
 
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A robot that follows targets and hears the sensors that sense them.
+
+    With a `wheel_base_m` it is a car; else it turns on the spot.
+    """
+
+    comm_m: float | None = None  # a hop of its radio; None: network.hop_m
+    sensing_m: float | None = None  # how far sensors sense; None: what their models say
+    error_m: float = 0.0  # how far a target may be from where it is told to be
+    max_speed_m_s: float = math.inf
+    wheel_base_m: float | None = None
+    max_steering_deg: float = 35.0
+    radius_m: float = 0.3  # to be kept from obstacles
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """What nobody drives through: a polygon of corners [x, y] [m]."""
+
+    polygon: tuple[tuple[float, float], ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
     """A field of sensors: names, positions (n, 3) [m] (z NaN: the plane of the targets), models.
@@ -140,6 +164,8 @@ class Site:
     network: Channel | None = None
     scheduling: SchedulingSettings = field(default_factory=SchedulingSettings)
     energy: Energy = field(default_factory=Energy)
+    robot: Robot = field(default_factory=Robot)
+    obstacles: tuple[Obstacle, ...] = ()
 
 
 def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:

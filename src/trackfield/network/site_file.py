@@ -26,8 +26,10 @@ from trackfield.network.sensors_file import (
 )
 from trackfield.network.site import (
     Group,
+    Obstacle,
     Origin,
     ReportSettings,
+    Robot,
     SchedulingSettings,
     Site,
     Target,
@@ -90,6 +92,7 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
         problems += _group_problems(sensors, document.get("groups", []), name)
     problems += _target_problems(sensors, document.get("target", {}), name)
     problems += _region_problems(document.get("reports", {}), name)
+    problems += _obstacle_problems(document.get("obstacles", []), name)
     if problems:
         raise ConfigurationError(problems)
     return _site(document, sensors, sensors_file, Path(name).stem)
@@ -213,6 +216,16 @@ def _region_problems(reports: _Table, name: str) -> Iterator[str]:
         )
 
 
+def _obstacle_problems(obstacles: list[_Table], name: str) -> Iterator[str]:
+    for number, obstacle in enumerate(obstacles, 1):
+        corners = obstacle["polygon"]
+        if len(corners) < 3:
+            yield (
+                f"{name}: obstacles[{number}].polygon: found {len(corners)} corners, "
+                "expected 3 or more"
+            )
+
+
 def believed(kind: str, given: _Table) -> SensorModel:
     """Make a model of the parameters that a person gave.
 
@@ -277,4 +290,6 @@ def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str)
         network=Channel(**document["network"]) if "network" in document else None,
         scheduling=SchedulingSettings(**document.get("scheduling", {})),
         energy=Energy(**document.get("energy", {})),
+        robot=Robot(**document.get("robot", {})),
+        obstacles=tuple(Obstacle(_fixed(one["polygon"])) for one in document.get("obstacles", [])),
     )

@@ -21,8 +21,10 @@ from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, Kind
 from trackfield.network.site import (
     Group,
+    Obstacle,
     Origin,
     ReportSettings,
+    Robot,
     SchedulingSettings,
     Target,
     TrackerSettings,
@@ -60,7 +62,8 @@ def _keys_of(cls: type, usual: object = None, section: str = "") -> dict[str, tu
             options["allow_inf_nan"] = field.default == math.inf
         elif hint in _LISTS:
             hint = _LISTS[hint]
-            options["default"] = None if field.default is None else []
+            if field.default is not MISSING:
+                options["default"] = None if field.default is None else []
         keys[field.name] = (hint, Field(**options))
     return keys
 
@@ -119,6 +122,8 @@ SITE_FILE = _section(
             {},
         ),
         "energy": (_section("Energy", _keys_of(Energy, section="energy")), {}),
+        "robot": (_section("Robot", _keys_of(Robot, section="robot")), {}),
+        "obstacles": (list[_section("Obstacle", _keys_of(Obstacle))], []),
     },
 )
 

@@ -21,6 +21,7 @@ from trackfield.network.site import (
     Group,
     Origin,
     ReportSettings,
+    Robot,
     SchedulingSettings,
     Site,
     Target,
@@ -72,6 +73,8 @@ def site_text(site: Site, folder: Path) -> str:
         document["network"] = _given(asdict(site.network), Channel)
     document["scheduling"] = _given(asdict(site.scheduling), SchedulingSettings)
     document["energy"] = _given(asdict(site.energy), Energy)
+    document["robot"] = _given(asdict(site.robot), Robot)
+    document["obstacles"] = [asdict(obstacle) for obstacle in site.obstacles]
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
     # An empty [reports] says that no sensors are needed, an empty [network] that there is one.
     said = {"network"} if site.sensor_ids else {"network", "reports"}
