@@ -256,3 +256,90 @@ def test_a_field_that_fixes_no_position_has_no_error_in_the_long_run(call, tmp_p
     assert told["steady"]["rms_m"] is None
     assert told["accuracy"]["rms_m"] is None
     assert "seen by" in call("plan", path).out
+
+
+ROBOT = """
+[network]
+hop_m = 9
+[[groups]]
+id = "sink"
+x_m = 0
+y_m = 0
+[robot]
+sensing_m = 7
+max_speed_m_s = 2
+"""
+
+
+@pytest.fixture
+def walk(tmp_path):
+    path = tmp_path / "truth.csv"
+    rows = [
+        f"{k / 5},{n},{k / 10},{5 + 3 * np.sin(k / 6 + n)}\n" for k in range(101) for n in (0, 1)
+    ]
+    path.write_text("t_s,target_id,x_m,y_m\n" + "".join(rows))
+    return path
+
+
+def test_a_robot_keeps_the_hop_on_a_short_way(call, site, walk, tmp_path):
+    site.write_text(site.read_text() + ROBOT)
+    done = call("plan", site, "--robot", walk, "--plot", tmp_path / "way.png")
+    assert done.code == 0
+    assert "a hop was kept in 100 % of the samples" in done.out
+    told = call("plan", site, "--robot", walk, "--json").json
+    assert told["target"] == "0"
+    assert told["reach_m"] == 2.0
+    assert told["optimum_m"] <= told["length_m"] <= told["rule_m"] + told["reach_m"]
+    assert told["hops_to_sink"]["most"] >= 1
+    assert len(told["path_m"]) == 101
+    away = call("plan", site, "--robot", walk, "--target", "1", "--start", "1,5", "--json")
+    assert away.code == 1
+    assert "--start: found a place out of reach" in away.err
+    assert away.json["target"] == "1"
+    assert away.json["needed_speed_m_s"] is None
+    assert away.json["path_m"][0] != told["path_m"][0]
+
+
+def test_a_robot_that_is_too_slow_says_so_and_fails(call, site, walk):
+    site.write_text(site.read_text() + ROBOT.replace("max_speed_m_s = 2", "max_speed_m_s = 0.2"))
+    done = call("plan", site, "--robot", walk)
+    assert done.code == 1
+    assert "robot.max_speed_m_s: found 0.2 m/s, expected at least" in done.err
+    assert "the hop was lost for" in done.err
+
+
+def test_a_car_follows_and_nobody_drives_through_obstacles(call, site, walk, tmp_path):
+    car = ROBOT + "wheel_base_m = 0.3\n"
+    text = site.read_text()
+    site.write_text(text + car)
+    assert call("plan", site, "--robot", walk, "--json").json["hop_kept"] > 0.95
+    block = "[[obstacles]]\npolygon = [[3, 4], [4, 4], [4, 6], [3, 6]]\n"
+    for kind in (ROBOT, car):
+        site.write_text(text + kind + block)
+        done = call("plan", site, "--robot", walk, "--plot", tmp_path / "way.png", "--json")
+        inside = [3.0 < x < 4.0 and 4.0 < y < 6.0 for x, y in done.json["path_m"]]
+        assert not any(inside)
+        assert done.code == (done.json["hop_kept"] < 1.0)
+
+
+def test_what_a_robot_lacks_is_told_at_once(call, site, walk):
+    text = site.read_text().replace("max_range_m = 8\n", "")
+    site.write_text(text + "[robot]\nwheel_base_m = 0.3\n")
+    done = call("plan", site, "--robot", walk)
+    assert done.code == 2
+    for key in ("robot.comm_m", "robot.sensing_m", "robot.max_speed_m_s"):
+        assert f"{key}: found nothing" in done.err
+    site.write_text(text + ROBOT.replace("[network]\nhop_m = 9\n[[groups]]", "[[groups]]"))
+    assert "robot.comm_m: found nothing" in call("plan", site, "--robot", walk).err
+    site.write_text(text + ROBOT + "comm_m = 9\n")
+    wrong = call("plan", site, "--robot", walk, "--target", "7")
+    assert "--target: found '7', expected a target of" in wrong.err
+    site.write_text(text + "[robot]\ncomm_m = 9\nsensing_m = 7\n")
+    assert call("plan", site, "--robot", walk, "--json").json["hops_to_sink"] is None
+
+
+def test_obstacles_have_three_corners(call, site):
+    site.write_text(site.read_text() + "[[obstacles]]\npolygon = [[3, 4], [4, 4]]\n")
+    done = call("plan", site)
+    assert done.code == 2
+    assert "obstacles[1].polygon: found 2 corners, expected 3 or more" in done.err

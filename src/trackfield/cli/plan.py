@@ -38,6 +38,16 @@ def plan(
     cell: Annotated[
         float | None, typer.Option("--cell", metavar="M", help="Size of the map's cells [m].")
     ] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Option("--robot", metavar="TRUTH", help="Way of a robot that follows a target."),
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option("--start", metavar="X,Y", help="Of the robot [m].")
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option("--target", metavar="ID", help="Whom it follows; else the first.")
+    ] = None,
     rms: Annotated[
         float | None,
         typer.Option("--rms", metavar="M", help="How many nodes are enough for an error [m]."),
@@ -52,10 +62,10 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan the work of SITE's sensors: what they can do, whom to ask, how long they last."""
-    from trackfield.cli import plan_count, plan_field, plan_map, plan_point
+    from trackfield.cli import plan_count, plan_field, plan_map, plan_point, plan_robot
     from trackfield.network.site_file import load_site
 
-    questions = {"--at": at, "--map": map_file, "--rms": rms}
+    questions = {"--at": at, "--map": map_file, "--robot": robot, "--rms": rms}
     asked = [name for name, given in questions.items() if given is not None]
     if len(asked) > 1:
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
@@ -74,6 +84,8 @@ def plan(
     elif map_file is not None:
         plan_map.check_map(map_file, [site])
         answer = plan_map.answer(loaded, map_file, sensors=sensors, cell_m=cell)
+    elif robot is not None:
+        answer = plan_robot.answer(loaded, robot, start=start, target=target)
     elif rms is not None:
         answer = plan_count.answer(loaded, rms, layout=layout, seed=seed)
     else:
