@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from trackfield.experiments import pham_tracking, pham_uncertainty
+from trackfield.experiments import (
+    pham_robot,
+    pham_selection,
+    pham_tracking,
+    pham_uncertainty,
+)
 from trackfield.experiments.results import Table
 
 if TYPE_CHECKING:
@@ -35,6 +40,8 @@ _CHAPTERS = tuple(
     for run, module in (
         (pham_tracking.track, pham_tracking),
         (pham_uncertainty.run, pham_uncertainty),
+        (pham_selection.run, pham_selection),
+        (pham_robot.robot, pham_robot),
     )
 )
 
