@@ -104,7 +104,7 @@ def double(costs: Matrix, made: Chase) -> Indices:
     """
     evader = made.evader.copy()
     chased: Indices = np.unique(evader[evader >= 0])
-    if chased.size == 0:
+    if chased.size in (0, evader.size):
         return evader
     soonest = np.array([costs[evader == j, j].min() for j in chased])
     for i in np.flatnonzero(evader == NOBODY):
@@ -129,7 +129,9 @@ def _checked(costs: Matrix) -> Matrix:
 
 def _matching(allowed: NDArray[np.bool_]) -> Indices:
     """Evader (p,) of each pursuer in a largest matching of allowed pairs; -1 for none."""
-    graph = csr_array(allowed)
+    ends = np.append(0, np.cumsum(allowed.sum(axis=1)))
+    columns = np.nonzero(allowed)[1]
+    graph = csr_array((np.ones(columns.size, np.bool_), columns, ends), shape=allowed.shape)
     return cast("Indices", maximum_bipartite_matching(graph, perm_type="column"))
 
 
@@ -138,27 +140,27 @@ def _pairs(allowed: NDArray[np.bool_]) -> int:
 
 
 def _threshold(c: Matrix, allowed: NDArray[np.bool_], most: int) -> float:
-    """Least t at which the allowed pairs of cost <= t still make `most` pairs; by bisection.
+    """Least t at which the allowed pairs of cost <= t still make `most` pairs.
 
-    First the cheapest pairs, then twice as many, until they suffice: the values that are left to
-    bisect are few, and so are the pairs of each matching.
+    Where each pursuer, or each evader, is in a pair, none is sooner than the last of their soonest;
+    from there on twice as far at a time until the pairs suffice, then by bisection.
     """
     if most == 0:
         return 0.0
-    costs = c[allowed]
-    low, count = -np.inf, 4 * most
-    while count < costs.size:
-        high = np.partition(costs, count)[count]
-        if _pairs(allowed & (c <= high)) == most:
-            costs = costs[(costs > low) & (costs <= high)]
-            break
-        low, count = high, 2 * count
-    values = np.unique(costs[costs > low])
-    first, last = 0, values.size - 1
+    open_ = np.where(allowed, c, np.inf)
+    sides = [axis for axis in (0, 1) if most == c.shape[1 - axis]]
+    bound = max((open_.min(axis=axis).max() for axis in sides), default=-np.inf)
+    values = np.unique(open_[np.isfinite(open_) & (open_ >= bound)])
+
+    def enough(place: int) -> bool:
+        return _pairs(open_ <= values[place]) == most
+
+    first, last, stride = 0, 0, 1
+    while last < values.size - 1 and not enough(last):
+        first, last, stride = last + 1, min(last + stride, values.size - 1), 2 * stride
     while first < last:
         middle = (first + last) // 2
-        enough = _pairs(allowed & (c <= values[middle])) == most
-        first, last = (first, middle) if enough else (middle + 1, last)
+        first, last = (first, middle) if enough(middle) else (middle + 1, last)
     return float(values[first])
 
 
