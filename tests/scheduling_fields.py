@@ -34,7 +34,7 @@ def field(places: Matrix | None = None, model: RangeModel = MODEL) -> Sensors:
 def able(count: int, *, ready: bool = True) -> Able:
     """All live, and are awake or not; none senses yet."""
     no = np.zeros(count, np.bool_)
-    return Able(~no, np.full(count, ready), no, np.ones(count), np.ones(count))
+    return Able(~no, np.full(count, ready), no, np.ones(count))
 
 
 def scheduler(places: Matrix | None = None, **settings: object) -> Scheduler:

@@ -145,7 +145,7 @@ def test_a_spent_node_is_spared():
     everyone = able(len(places))
     settings = SchedulingSettings()
     before = choose(field(places), target, settings=settings, able=everyone, wanted=4)
-    everyone.weight[before.sensors[0]] = 0.05
+    everyone.residual[before.sensors[0]] = 0.05
     after = choose(field(places), target, settings=settings, able=everyone, wanted=4)
     assert before.sensors[0] not in after.sensors
     assert after.trace_m2 >= before.trace_m2  # what it costs is told as it is

@@ -50,7 +50,7 @@ class Meter(NamedTuple):
     @property
     def residual_j(self) -> Vector:
         """What is left of each battery (n,) [J]."""
-        return np.where(self.alive, self.battery_j - self.spent_j.sum(axis=1), 0.0)
+        return np.where(self.alive, self.battery_j - self.spent_j @ np.ones(len(POSTS)), 0.0)
 
     @property
     def alive(self) -> NDArray[np.bool_]:

@@ -73,14 +73,13 @@ def _closed(
     mode, joules = _dwelt(ledger, until_s, orders, energy)
     spent = ledger.spent_j.copy()
     spent[:, :_MODES] += joules
+    after = ledger._replace(t_s=until_s, mode=mode, spent_j=spent)
+    if not len(events.messages.t_s):
+        return after, []
     posted, sent, received, lost = _posted(events.messages, alive, energy)
     spent[:, _SENT:] += posted
-    after = ledger._replace(
-        t_s=until_s,
-        mode=mode,
-        spent_j=spent,
-        sent_bits=ledger.sent_bits + sent,
-        received_bits=ledger.received_bits + received,
+    after = after._replace(
+        sent_bits=ledger.sent_bits + sent, received_bits=ledger.received_bits + received
     )
     return after, events.number[lost].tolist()
 

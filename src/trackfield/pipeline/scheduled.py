@@ -33,10 +33,12 @@ def scheduler_of(site: Site) -> Scheduler:
     settings = site.scheduling
     told = settings.reach_m
     reach = np.array([reach_of(model) if told is None else told for model in site.models])
-    models = [
-        averaged(model, settings.burst) if isinstance(model, RangeModel) else model
-        for model in site.models
-    ]
+    models = site.models
+    if settings.burst > 1:
+        models = tuple(
+            averaged(model, settings.burst) if isinstance(model, RangeModel) else model
+            for model in site.models
+        )
     sensors = sensors_of(site.positions[:, :2], models, reach)
     region = watched(site) or _around(sensors)
     motion = ConstantVelocity(accel_density(site.target))

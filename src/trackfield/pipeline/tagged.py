@@ -98,6 +98,7 @@ class Tracker:
         self._output = Output(float(lag_s), int(lag_steps), float(every_s))
         self._bank = create(site, self._output)
         self._sensors = {name: i for i, name in enumerate(site.sensor_ids)}
+        self._looked_up: tuple[tuple[str, ...], Indices] = ((), np.empty(0, np.int32))
         self._variants = {name: i + 1 for i, name in enumerate(site.target_models)}
         columns = [range_models(site), *(range_models(site, one) for one in site.target_models)]
         self._offsets = np.array([[m.clock_offset_s for m in models] for models in columns])
@@ -215,10 +216,10 @@ class Tracker:
         )
 
     def _sensor_numbers(self, readings: Readings) -> Indices:
-        numbers = np.empty(len(readings.sensor_ids), np.int32)
-        for i, name in enumerate(readings.sensor_ids):
-            numbers[i] = self._sensors.get(name, -1)
-        sensor = numbers[readings.sensor]
+        if readings.sensor_ids is not self._looked_up[0]:
+            numbers = np.array([self._sensors.get(name, -1) for name in readings.sensor_ids])
+            self._looked_up = (readings.sensor_ids, numbers.astype(np.int32))
+        sensor = self._looked_up[1][readings.sensor]
         if np.any(sensor < 0):
             row = int(np.argmax(sensor < 0))
             name = readings.sensor_ids[int(readings.sensor[row])]

@@ -129,12 +129,11 @@ class Scheduler:
         ready = state.modes >= Mode.ACTIVE
         nobody = np.zeros(n, np.bool_)
         if residual is None:
-            return Able(~nobody, ready, nobody, np.ones(n), np.ones(n))
+            return Able(~nobody, ready, nobody, np.ones(n))
         if residual.shape != (n,) or not ((residual >= 0.0) & (residual <= 1.0)).all():
             raise InputError(f"residuals of shape {residual.shape}: expected ({n},) from 0 to 1")
         alive = residual > 0.0
-        weight = np.where(alive, residual, 0.0) ** self.settings.energy_weight
-        return Able(alive, ready & alive, nobody, weight, residual)
+        return Able(alive, ready & alive, nobody, residual, self.settings.energy_weight)
 
     def _inside(self, mean: Vector) -> bool:
         """Tell whether a track that ended at a state cannot simply have left the region."""

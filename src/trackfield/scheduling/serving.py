@@ -14,7 +14,6 @@ from trackfield.network.kinds import SensorModel
 from trackfield.network.node_index import NodeIndex
 from trackfield.network.site import PolicyName, SchedulingSettings
 from trackfield.scheduling.cheapest import MOST, cheapest
-from trackfield.scheduling.criteria import known
 from trackfield.scheduling.selection import select
 from trackfield.scheduling.soft_bound import Care
 from trackfield.sensing.detection import DetectionColumns, DetectionModel
@@ -27,7 +26,7 @@ CANDIDATES = 24
 
 _CARE = Care()
 _USUAL_BOUND = 3.0  # of the trace, in variances of a reading
-_IN_LINE = 1e-6  # smaller over larger information of readings that lie in one line
+_IN_LINE = 1e-6  # determinant over squared trace of the information of readings in one line
 _EXACT = RangeModel(sigma_m=0.0)
 
 
@@ -50,15 +49,19 @@ class Able(NamedTuple):
     """Who may be told to sense, (n,) each.
 
     Only who is `alive`; rather those that are `ready`, for they are awake; `taken` ones sense for
-    another target anyway; `weight` in [0, 1] is less for nodes that are to be spared, who have only
-    so much of their energy left as `residual` says.
+    another target anyway; `residual` is the share of its energy that each has left, in [0, 1]: who
+    has little is spared, the more the greater the exponent `sparing`.
     """
 
     alive: NDArray[np.bool_]
     ready: NDArray[np.bool_]
     taken: NDArray[np.bool_]
-    weight: Vector
     residual: Vector
+    sparing: float = 1.0
+
+    def weight(self, nodes: Indices) -> Vector:
+        """Weights (m,) of nodes, above 0, less for those that are to be spared."""
+        return np.maximum(self.residual[nodes] ** self.sparing, 1e-6)
 
 
 class Choice(NamedTuple):
@@ -133,7 +136,7 @@ def choose(
     bound = _bound(settings, near.gains)
     rows = _picked(
         near.gains[pool],
-        able.weight[near.node[pool]],
+        able.weight(near.node[pool]),
         max(wanted - int(given.sum()), 0),
         prior=prior + near.gains[given].T @ near.gains[given],
         policy=settings.policy,
@@ -174,8 +177,7 @@ def _in_range(
         found = _Near(node[here], seen.distance[here], gains[here], clear[here])
         if np.count_nonzero(found.clear) >= enough:
             break
-    farther = np.sqrt(np.maximum(able.weight[found.node], 1e-6))
-    order = np.argsort(found.distance / farther, kind="stable")
+    order = np.argsort(found.distance / np.sqrt(able.weight(found.node)), kind="stable")
     node, distance, gains, clear = found
     return _Near(node[order], distance[order], gains[order], clear[order])
 
@@ -242,7 +244,7 @@ def _picked(
     found = cheapest(
         prior,
         gains,
-        weights=1.0 / np.maximum(weight, 1e-6),
+        weights=1.0 / weight,
         bound=_CARE.aim * bound,
         most=min(count, MOST),
     )
@@ -251,7 +253,8 @@ def _picked(
 
 def _judged(nodes: Indices, gains: Matrix, *, prior: Matrix, able: Able, asked: _Asked) -> Choice:
     """Say what the chosen sensors leave, and how that is less than what was asked."""
-    left = known(gains, prior=prior).value
+    information = gains.T @ gains
+    left = float(np.trace(np.linalg.inv(prior + information)))
     trouble: list[str] = []
     if asked.bound_m2 is not None:
         if left > asked.bound_m2:
@@ -260,8 +263,8 @@ def _judged(nodes: Indices, gains: Matrix, *, prior: Matrix, able: Able, asked: 
         trouble.append("no sensor is in range")
     elif nodes.size < asked.sensors:
         trouble.append(f"{nodes.size} sensors are in range, {asked.sensors} were asked for")
-    roots = np.linalg.eigvalsh(gains.T @ gains)
-    if nodes.size > 1 and gains.any() and roots[0] <= _IN_LINE * roots[-1]:
+    whole, area = float(np.trace(information)), float(np.linalg.det(information))
+    if nodes.size > 1 and whole > 0.0 and area <= _IN_LINE * whole**2:
         trouble.append("its sensors are in one line with it: across, only its motion is known")
     late = int((~able.ready[nodes]).sum())
     return Choice(nodes, left, late, asked.radius_m, tuple(trouble))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,12 @@ class RangesOnDemand:
     step_s: float
     rng: np.random.Generator
     burst: int = 1
+    _sensor_ids: tuple[str, ...] = field(init=False, repr=False)
+    _target_ids: tuple[str, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_sensor_ids", tuple(f"s{i}" for i in range(len(self.nodes))))
+        object.__setattr__(self, "_target_ids", tuple(f"tag{i}" for i in range(len(self.paths))))
 
     def hear(self, from_s: float, to_s: float, *, sensing: NDArray[np.bool_]) -> Readings:
         """Draw what is heard from `from_s` to before `to_s` if the `sensing` (n,) nodes measure."""
@@ -41,7 +47,6 @@ class RangesOnDemand:
         sigma = np.sqrt((self.model.sigma_m**2 + self.model.sigma_scale**2 * r**2) / self.burst)
         value = ranging.expected(self.model, r) + sigma * self.rng.standard_normal(r.size)
         step, target = np.divmod(row, max(len(self.paths), 1))
-        count = len(self.nodes)
         return Readings(
             t_s=self.step_s * (first + step).astype(np.float64),
             sensor=node[column],
@@ -50,7 +55,7 @@ class RangesOnDemand:
             kind=np.zeros(r.size, np.int32),
             sigma=sigma,
             arrival_s=np.full(r.size, np.nan),
-            sensor_ids=tuple(f"s{i}" for i in range(count)),
-            target_ids=tuple(f"tag{i}" for i in range(len(self.paths))),
+            sensor_ids=self._sensor_ids,
+            target_ids=self._target_ids,
             kinds=("range",),
         )
