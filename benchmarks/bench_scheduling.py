@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 def policy(**keys: object) -> SchedulingSettings:
-    """Settings for intervals of a step, without a watch: the targets are inside all the time."""
+    """Set intervals of a step, and no watch: the targets are inside all the time."""
     given = {"interval_s": STEP_S, "watch": "never", "sweep_s": 4.0, **keys}
     return SchedulingSettings(**given)  # type: ignore[arg-type]
 
@@ -117,7 +117,7 @@ def errors(turns: Sequence[Turn], ways: Matrix) -> Matrix:
 
 
 class Found(NamedTuple):
-    """A policy over some runs: root mean square error [m], and energies per tracked second [J/s]."""
+    """A policy over some runs: error [m], energies per tracked second [J/s], nodes, tracking."""
 
     rmse_m: float
     above_sleep: float

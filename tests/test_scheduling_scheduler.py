@@ -309,3 +309,15 @@ def test_bytes_of_something_else_are_refused():
         decode(data[:-1] + b"\x07", nodes=NODES)
     with pytest.raises(StateError):
         decode(b"nonsense", nodes=NODES)
+
+
+def test_readings_that_contradict_a_track_again_and_again_make_all_sense_that_may_hear_it():
+    plan = scheduler()
+    state, asked = plan.initial(), []
+    for k in range(5):
+        rows = sighted(float(k), [[10.0, 10.0, 0.0, 0.0]])._replace(odd=np.array([0 < k < 4]))
+        state, told = plan.step(state, float(k), sighted=rows)
+        asked.append(told.services[0].sensors.size)
+    assert asked[:2] == [4, 8]
+    assert 30 < asked[2] < asked[3]
+    assert asked[4] == 4

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,8 @@ from trackfield.scheduling.serving import Able, Choice, Sensors, choose
 from trackfield.scheduling.watch import Watch
 from trackfield.types import Gaussian, Mode, Vector
 
-_SEARCHED = 2  # intervals without a reading, from which on a track is looked for where it may be
+_SEARCHED = 2  # intervals without a reading, or odd rows, from which on a track is looked for
+_WIDEST = 20  # times that a search doubles its width: anything is a whole field then
 _PLACE = 0.5  # weight of a master's distance to the target, against the energy that it has spent
 _EARLY = 1e-6  # of an interval, by which times of rounded steps may differ
 
@@ -46,6 +47,11 @@ class _Case(NamedTuple):
     mean: Vector
     covariance: NDArray[np.float64]
     missed: int
+
+    @property
+    def doubt(self) -> int:
+        """Intervals without a reading, or with readings that contradict the belief, in a row."""
+        return max(self.missed, self.known.odd)
 
     @property
     def place(self) -> Gaussian:
@@ -151,11 +157,14 @@ class Scheduler:
             _Case(name, one, means[i], covariances[i], self._missed(one, t_s))
             for i, (name, one) in enumerate(known.items())
         ]
-        missed = [case for case in cases if case.missed >= _SEARCHED]
+        missed = [case for case in cases if case.doubt >= _SEARCHED]
+        wider = [4.0 ** min(case.doubt - _SEARCHED, _WIDEST) for case in missed]
         found = look_for(
             self.sensors,
             np.array([case.place.mean for case in missed]).reshape(-1, 2),
-            covariances=np.array([case.place.covariance for case in missed]).reshape(-1, 2, 2),
+            covariances=np.array(
+                [w * case.place.covariance for case, w in zip(missed, wider, strict=True)]
+            ).reshape(-1, 2, 2),
             region=self.region,
         )
         looks = {case.name: look for case, look in zip(missed, found, strict=True)}
@@ -179,26 +188,30 @@ class Scheduler:
             if case.name in looks:
                 nodes = looks[case.name].nodes
                 nodes = nodes[able.alive[nodes]]
-                said = f"missed {case.missed} times: {nodes.size} nodes look for it"
+                said = f"missed, or odd, {case.doubt} times: {nodes.size} nodes look for it"
                 late = int((~able.ready[nodes]).sum())
                 trace = float(np.trace(case.place.covariance))
                 choice = Choice(nodes, trace, late, 0.0, (said,))
             else:
-                wanted = self.settings.sensors * (2 if case.missed or case.known.odd else 1)
                 able = able._replace(taken=taken)
-                choice = choose(
-                    self.sensors, case.place, settings=self.settings, able=able, wanted=wanted
-                )
+                choice = self._choice(case, able)
             taken[choice.sensors] = True
             choices.append(choice)
         return choices
+
+    def _choice(self, case: _Case, able: Able) -> Choice:
+        """Choose sensors of a track by the policy; twice as many, and the best, where it is odd."""
+        settings, wanted = self.settings, self.settings.sensors
+        if case.doubt and settings.policy != "all":
+            settings, wanted = replace(settings, policy="accuracy"), 2 * wanted
+        return choose(self.sensors, case.place, settings=settings, able=able, wanted=wanted)
 
     def _modes(
         self, cases: Sequence[_Case], choices: Sequence[Choice], able: Able, *, sweeping: bool
     ) -> NDArray[np.int8]:
         """Modes (n,) of nodes around targets, masters and the border aside."""
         modes = np.zeros(len(self.sensors.nodes), np.int8)
-        near = [case for case in cases if case.missed < _SEARCHED]
+        near = [case for case in cases if case.doubt < _SEARCHED]
         if near:
             spreads = np.array([np.linalg.eigvalsh(case.place.covariance)[-1] for case in near])
             region = region_nodes(

@@ -39,7 +39,7 @@ class Followed(NamedTuple):
 
     `asked_s` is when sensors were first asked for it since its last reading, None where it has been
     read since; `gap_s` is how far apart its readings use to be; `master` is its node, -1 for none;
-    `looked` whether it was looked for in the whole field, `odd` whether its last row was.
+    `looked` whether it was looked for in the whole field; `odd` counts its last rows that were.
     """
 
     t_s: float
@@ -49,7 +49,7 @@ class Followed(NamedTuple):
     gap_s: float
     master: int
     looked: bool
-    odd: bool
+    odd: int
 
 
 class State(NamedTuple):
@@ -202,11 +202,11 @@ def merged(
 
 def _followed(known: Followed | None, rows: Sighted, i: int) -> Followed:
     t_s, belief = float(rows.t_s[i]), Gaussian(rows.mean[i], rows.covariance[i])
-    odd = bool(rows.odd[i])
     if known is None:
-        return Followed(t_s, belief, None, t_s, 0.0, -1, looked=False, odd=odd)
+        return Followed(t_s, belief, None, t_s, 0.0, -1, looked=False, odd=int(rows.odd[i]))
     if rows.status[i] != Status.CONFIRMED:
         return known._replace(t_s=t_s, belief=belief)
+    odd = known.odd + 1 if rows.odd[i] else 0
     gap_s = 0.8 * known.gap_s + 0.2 * (t_s - known.read_s)
     return known._replace(
         t_s=t_s, belief=belief, asked_s=None, read_s=t_s, gap_s=gap_s, looked=False, odd=odd

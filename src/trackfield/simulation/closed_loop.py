@@ -57,10 +57,10 @@ class Turn(NamedTuple):
 class Outcome(NamedTuple):
     """What some intervals in closed loop came to.
 
-    `tracked_s` is for how long targets were shown, all of them added up; `spent_j` what the network
-    spent [J], of which `above_sleep_j` above that everybody sleeps; `in_mode_s` (4,) how long nodes
-    were in each mode, all of them added up. `counts` tells changes of modes (`commands`),
-    `handovers` of masters, nodes that woke `late`, tracks given up (`lost`), nodes `exhausted`;
+    `tracked_s` is for how long targets were shown, or known so well that nobody was asked, all of
+    them added up; `spent_j` what the network spent [J], of which `above_sleep_j` above that
+    everybody sleeps; `in_mode_s` (4,) how long nodes were in each mode, all of them added up.
+    `counts` tells changes of modes (`commands`), `handovers` of masters, nodes that woke `late`, tracks given up (`lost`), nodes `exhausted`;
     `troubles` what could not be had, each once.
     """
 
@@ -124,7 +124,8 @@ def nothing() -> Outcome:
 def tallied(before: Outcome, turn: Turn, site: Site) -> Outcome:
     """Add an interval to those `before` it: what has passed need not be kept."""
     told, interval_s = turn.told, site.scheduling.interval_s
-    shown = np.isin(turn.tracks.status, _SHOWN)
+    shown = turn.tracks.track[np.isin(turn.tracks.status, _SHOWN)].tolist()
+    spared = [s.track for s in told.services if not (s.sensors.size or s.missed or s.trouble)]
     spent_j = float(turn.spent_j.sum())
     asleep_j = 1e-3 * site.energy.sleep_mw * interval_s * len(site.sensor_ids)
     here = {
@@ -137,7 +138,7 @@ def tallied(before: Outcome, turn: Turn, site: Site) -> Outcome:
     said = [*told.trouble, *(line for service in told.services for line in service.trouble)]
     return Outcome(
         duration_s=before.duration_s + interval_s,
-        tracked_s=before.tracked_s + interval_s * np.unique(turn.tracks.track[shown]).size,
+        tracked_s=before.tracked_s + interval_s * len({*shown, *spared}),
         spent_j=before.spent_j + spent_j,
         above_sleep_j=before.above_sleep_j + spent_j - asleep_j,
         in_mode_s=before.in_mode_s + interval_s * np.bincount(told.modes, minlength=len(Mode)),
