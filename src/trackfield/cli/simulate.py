@@ -225,5 +225,3 @@ def show_loop(numbers: Mapping[str, Any]) -> None:
         f"sleep; {numbers['above_sleep_j_per_tracked_s']:.4g} J for each of "
         f"{numbers['tracked_s']:.4g} s in which a target was tracked"
     )
-    for line in numbers["troubles"]:
-        warn(line)

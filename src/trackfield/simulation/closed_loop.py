@@ -60,8 +60,8 @@ class Outcome(NamedTuple):
     `tracked_s` is for how long targets were shown, or known so well that nobody was asked, all of
     them added up; `spent_j` what the network spent [J], of which `above_sleep_j` above that
     everybody sleeps; `in_mode_s` (4,) how long nodes were in each mode, all of them added up.
-    `counts` tells changes of modes (`commands`), `handovers` of masters, nodes that woke `late`, tracks given up (`lost`), nodes `exhausted`;
-    `troubles` what could not be had, each once.
+    `counts` tells changes of modes (`commands`), `handovers` of masters, nodes that woke `late`,
+    tracks given up (`lost`), nodes `exhausted`; `troubles` what could not be had, each once.
     """
 
     duration_s: float
