@@ -170,6 +170,18 @@ def test_a_site_says_what_its_scheduler_is():
         scheduler_of(Site("empty", (), np.zeros((0, 3)), ()))
 
 
+@pytest.mark.parametrize("spots", [[[10.0, 10.0]], [[10.0, 10.0]] * 3])
+def test_a_single_sensor_and_several_at_one_place_do_what_they_can(spots):
+    commander = Commander(site(np.array(spots), sweep_s=0.0))
+    rows = tracks([0.5], [1], np.array([[11.0, 10.0, 0.0, 0.0]]))
+    commands = commander.process(rows, watermark_s=1.0)
+    assert np.isfinite(commands.t_s).all()
+    (service,) = commander.told[-1].services
+    assert service.sensors.size == len(spots)
+    assert service.master in range(len(spots))
+    assert f"{len(spots)} sensors are in range, 4 were asked for" in service.trouble
+
+
 @pytest.mark.parametrize("key", [f.name for f in dataclasses.fields(SchedulingSettings)])
 def test_every_setting_makes_a_difference(key):
     other = {

@@ -39,14 +39,12 @@ def region_nodes(
 ) -> Indices:
     """Nodes (m,) of the regions R that targets will have until `ahead_s`, Pham 2.2.2.
 
-    States `means` (t, 4) hold now; `spreads` (t,) [m] is how far off targets may be. A disc around
-    where a target will be, and a sector ahead of it, both so much wider than `radius_m`, within
-    which enough nodes stand.
+    States `means` (t, 4) of some targets hold now; `spreads` (t,) [m] is how far off they may be. A
+    disc around where a target will be, and a sector ahead of it, both so much wider than
+    `radius_m`, within which enough nodes stand.
     """
     ahead = settings.interval_s if settings.ahead_s is None else settings.ahead_s
     steps = settings.interval_s * np.arange(1, math.ceil(ahead / settings.interval_s - 1e-9) + 1)
-    if not len(means):
-        return np.empty(0, np.int32)
     if not steps.size:
         steps = np.zeros(1)
     places = means[:, :2] + steps[:, None, None] * means[:, 2:]

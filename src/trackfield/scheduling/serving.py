@@ -101,10 +101,10 @@ class _Asked(NamedTuple):
 
 
 def sensors_of(positions: Matrix, models: Sequence[SensorModel], reach_m: Vector) -> Sensors:
-    """Lay out nodes at `positions` (n, 2) [m]; none reaches farther than across the whole field."""
+    """Lay out nodes at `positions` (n, 2) [m]; who has no limit reaches twice across the field."""
     nodes, size = NodeIndex(positions), np.ptp(positions, axis=0)
-    across = max(2.0 * float(np.hypot(*size)), 1e-3)
-    reach = np.minimum(reach_m, across)
+    across = max(2.0 * float(np.hypot(*size)), 1.0)
+    reach = np.where(np.isfinite(reach_m), reach_m, across)
     own_m2 = max(float(size.prod()), 1e-6 * across**2) / len(nodes)
     binary = np.array([isinstance(model, DetectionModel) for model in models], np.bool_)
     return Sensors(nodes, mixed(models), reach, binary, float(reach.max()), own_m2)
