@@ -14,8 +14,9 @@ from trackfield.errors import InputError
 from trackfield.scheduling.cheapest import Choice, cheapest
 
 
-def tried(J, g, w, bound, fewest, most):
+def tried(J, g, w, bound, worth, limits):
     """Try every set: (sensors, trace, cost, feasible) by the rules of the docstring."""
+    fewest, most = limits
     found = []
     able = np.flatnonzero(np.isfinite(w))
     for members in chain.from_iterable(combinations(able, k) for k in range(fewest, most + 1)):
@@ -25,7 +26,7 @@ def tried(J, g, w, bound, fewest, most):
         found.append((w[list(members)].sum(), trace, frozenset(map(int, members))))
     kept = [f for f in found if f[1] <= bound]
     if kept:
-        cost, trace, members = min(kept, key=lambda f: (f[0], f[1]))
+        cost, trace, members = min(kept, key=lambda f: (f[0] + worth * f[1], f[1]))
         return members, trace, cost, True
     if not found or min(f[1] for f in found) == np.inf:
         return frozenset(), np.inf, 0.0, False
@@ -46,17 +47,17 @@ def members_of(choice: Choice) -> list[frozenset[int]]:
     limits=st.sampled_from(((0, 3), (0, 2), (1, 1), (3, 3), (2, 3))),
     bound=st.floats(0.05, 8.0),
     known=st.booleans(),
+    worth=st.sampled_from((0.0, 0.5, 20.0)),
 )
-def test_no_set_is_cheaper_and_none_is_forgotten(seed, n, d, limits, bound, known):
+def test_no_set_is_cheaper_and_none_is_forgotten(seed, n, d, limits, bound, known, worth):
     rng = np.random.default_rng(seed)
     g = rng.standard_normal((n, d))
     w = rng.uniform(0.5, 3.0, n)
     w[rng.random(n) < 0.2] = np.inf
     root = rng.standard_normal((d, d))
     J = root @ root.T + 0.05 * np.eye(d) if known else np.zeros((d, d))
-    fewest, most = limits
-    found = cheapest(J, g, weights=w, bound=bound, fewest=fewest, most=most)
-    members, trace, cost, feasible = tried(J, g, w, bound, fewest, most)
+    found = cheapest(J, g, weights=w, bound=bound, worth=worth, limits=limits)
+    members, trace, cost, feasible = tried(J, g, w, bound, worth, limits)
     assert members_of(found) == [members]
     assert_allclose(found.trace, trace, rtol=1e-8)
     assert_allclose(found.cost, cost, rtol=1e-12)
@@ -88,10 +89,13 @@ def test_many_at_once_are_each_for_itself():
     g = rng.standard_normal((4, 7, 2))
     w = rng.uniform(0.0, 1.0, (5, 4, 7))
     bound = rng.uniform(0.3, 2.0, (5, 4))
-    whole = cheapest(J, g, weights=w, bound=bound)
+    worth = rng.uniform(0.0, 2.0, 4)
+    whole = cheapest(J, g, weights=w, bound=bound, worth=worth)
     assert whole.sensors.shape == (5, 4, 3)
     for i, j in np.ndindex(5, 4):
-        one = cheapest(J[i, 0], g[j], weights=w[i, j], bound=float(bound[i, j]))
+        one = cheapest(
+            J[i, 0], g[j], weights=w[i, j], bound=float(bound[i, j]), worth=float(worth[j])
+        )
         assert_array_equal(whole.sensors[i, j], one.sensors)
         assert (whole.trace[i, j], whole.cost[i, j]) == (one.trace, one.cost)
         assert whole.feasible[i, j] == one.feasible
@@ -113,7 +117,9 @@ def test_nobody_to_ask_leaves_the_prior():
 def test_what_cannot_be_used_is_refused():
     g, w = np.ones((4, 2)), np.ones(4)
     with pytest.raises(InputError, match="expected 0 <= fewest <= most <= 3"):
-        cheapest(np.eye(2), g, weights=w, bound=1.0, most=4)
+        cheapest(np.eye(2), g, weights=w, bound=1.0, limits=(0, 4))
+    with pytest.raises(InputError, match="a worth that is negative"):
+        cheapest(np.eye(2), g, weights=w, bound=1.0, worth=-1.0)
     with pytest.raises(InputError, match="weights of shape \\(3,\\)"):
         cheapest(np.eye(2), g, weights=w[:3], bound=1.0)
     with pytest.raises(InputError, match="with d 2 or 3"):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trackfield.errors import ConfigurationError
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.filtering import kalman
 from trackfield.scheduling.soft_bound import Care, choose
 from trackfield.sensing.range import RangeModel
@@ -16,7 +18,7 @@ from trackfield.types import Gaussian
 SIGMA = 0.1
 MODEL = RangeModel(sigma_m=SIGMA, max_range_m=1.4)
 BOUND = 3.0 * SIGMA**2
-PLAIN = Care(edge_sigmas=0.0, near_sigmas=0.0, aim=1.0)
+PLAIN = Care(0.0, 0.0, 0.0, 0.0, aim=1.0, thrift=0.0)
 
 
 def belief(x=5.0, y=5.0, spread=0.15, speed=0.1):
@@ -64,11 +66,26 @@ def test_what_the_filter_knows_saves_sensors():
 def test_only_sensors_that_will_surely_hear_are_asked():
     prior = Gaussian(np.array([5.0, 5.0]), np.diag([0.3**2, 0.1**2]))
     sensors = np.array([[4.0, 5.0], [5.0, 6.0], [5.0, 3.7], [5.2, 5.0], [5.0, 5.5], [9.0, 9.0]])
-    sure = ask(prior, sensors, care=Care(edge_sigmas=2.0, near_sigmas=2.5)).sure
+    sure = ask(prior, sensors, care=Care(2.0, 2.5, 2.0, 2.5)).sure
     # 1 + 2 x .3 > 1.4; 1 + .2; 1.3 + .2 > 1.4; .2 < 2.5 x .1; .5 < 2.5 x .3; out of reach
     assert list(sure) == [False, True, False, False, False, False]
     prior_off = ask(prior, sensors, care=PLAIN).sure
     assert list(prior_off) == [True, True, True, True, True, False]
+
+
+def test_sensors_that_are_less_sure_are_asked_where_else_the_bound_is_not_kept():
+    prior = Gaussian(np.array([5.0, 5.0]), 0.2**2 * np.eye(2))
+    near = np.array([[5.4, 5.0], [5.0, 5.4]])  # two standard deviations
+    care = Care(aim=1.0)
+    alone = ask(prior, near, care=care)
+    assert alone.choice.feasible
+    assert sorted(alone.choice.sensors) == [-1, 0, 1]
+    far = np.array([[5.9, 5.0], [5.0, 5.9]])
+    both = ask(prior, np.concatenate([near, far]), care=care)
+    assert sorted(both.choice.sensors) == [-1, 2, 3]
+    assert list(both.sure) == [False, False, True, True]
+    strict = replace(care, least_near_sigmas=2.5)
+    assert not ask(prior, near, care=strict).choice.feasible
 
 
 def test_a_sensor_that_costs_more_is_spared():
@@ -109,7 +126,29 @@ def test_the_aim_is_sharper_than_the_bound_and_failing_it_is_no_failure():
     assert reached.trace == pytest.approx(bound)
 
 
+def test_thrift_pays_for_a_sharper_result_what_it_is_worth():
+    sensors = field(6)
+    rng = np.random.default_rng(0)
+    weights = rng.uniform(1.0, 2.0, len(sensors))
+    prior = belief(spread=0.18)
+    plain, thrifty, lavish = (
+        ask(prior, sensors, weights=weights, care=replace(PLAIN, thrift=t)).choice
+        for t in (0.0, 1.5, 100.0)
+    )
+    assert plain.cost <= thrifty.cost <= lavish.cost
+    assert plain.trace >= thrifty.trace >= lavish.trace
+    assert lavish.trace == pytest.approx(
+        float(ask(prior, sensors, bound=1e-9, weights=weights).choice.trace)
+    )
+    third = np.sort(weights[ask(prior, sensors, weights=weights).sure])[2]
+    worth = 1.5 * third / BOUND
+    for other in (plain, lavish):
+        assert thrifty.cost + worth * thrifty.trace <= other.cost + worth * other.trace
+
+
 def test_care_that_cannot_be_taken_is_refused():
     with pytest.raises(ConfigurationError) as refused:
-        Care(edge_sigmas=-1.0, near_sigmas=np.nan, aim=1.5, most=4)
-    assert len(refused.value.problems) == 4
+        Care(1.0, np.nan, 2.0, 0.0, aim=1.5, thrift=np.inf, most=4)
+    assert len(refused.value.problems) == 6
+    with pytest.raises(InputError, match="not positive"):
+        ask(belief(), field(), bound=0.0)

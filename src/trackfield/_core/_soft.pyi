@@ -5,6 +5,7 @@ def cheapest(
     gains: Matrix,
     prices: Matrix,
     bounds: Vector,
+    worths: Vector,
     fewest: int,
     most: int,
     /,

@@ -1,5 +1,6 @@
-// The cheapest set of at most three sensors that leaves little enough uncertainty, exactly.
-// Sets are tried by rising price, so that a branch ends where it cannot be cheaper any more.
+// The cheapest set of at most three sensors that leaves little enough uncertainty, exactly; what it
+// leaves may have a worth of its own: cost = price + worth * trace. Sets are tried by rising price, so
+// that a branch ends where it cannot be cheaper any more.
 #pragma once
 
 #include <algorithm>
@@ -55,6 +56,7 @@ struct Symmetric {
 struct Set {
     int32_t sensor[3] = {-1, -1, -1};
     double price = kNone;
+    double cost = kNone;
     double trace = kNone;
 };
 
@@ -63,7 +65,7 @@ class Search {
     using Info = Symmetric<D>;
 
   public:
-    explicit Search(double bound) : bound_(bound) {}
+    Search(double bound, double worth) : bound_(bound), worth_(worth) {}
 
     // Prior information (D, D), gains (n, D), prices (n,) where an infinite one is never paid.
     Set best(const double *prior, const double *gains, const double *prices, int n, int fewest, int most) {
@@ -82,11 +84,11 @@ class Search {
         if (fewest <= 1 && most >= 1) singles(start);
         if (fewest <= 2 && most >= 2) pairs(start);
         if (most >= 3) triples(start);
-        return cheapest_.price < kNone ? cheapest_ : sharpest_;
+        return cheapest_.cost < kNone ? cheapest_ : sharpest_;
     }
 
   private:
-    double bound_;
+    double bound_, worth_;
     std::vector<int> order_;
     std::vector<double> price_;
     std::vector<Info> info_;
@@ -94,14 +96,15 @@ class Search {
 
     int count() const { return int(price_.size()); }
 
-    bool worth(double price) const { return price <= cheapest_.price; }
+    bool open(double price) const { return price <= cheapest_.cost; }
 
-    // Equal prices: the sharper set. None is good enough: the sharpest, and of those the cheapest.
+    // Equal costs: the sharper set. None is good enough: the sharpest, and of those the cheapest.
     void see(const Info &information, double price, int i, int j, int k) {
         const double trace = information.inverse_trace();
         if (trace == kNone) return;
         if (trace <= bound_) {
-            if (price < cheapest_.price || (price == cheapest_.price && trace < cheapest_.trace)) keep(cheapest_, price, trace, i, j, k);
+            const double cost = price + worth_ * trace;
+            if (cost < cheapest_.cost || (cost == cheapest_.cost && trace < cheapest_.trace)) keep(cheapest_, price, trace, i, j, k);
         } else if (trace < sharpest_.trace || (trace == sharpest_.trace && price < sharpest_.price)) {
             keep(sharpest_, price, trace, i, j, k);
         }
@@ -110,27 +113,27 @@ class Search {
     void keep(Set &set, double price, double trace, int i, int j, int k) {
         const int place[3] = {i, j, k};
         for (int m = 0; m < 3; ++m) set.sensor[m] = place[m] < 0 ? -1 : order_[place[m]];
-        set.price = price, set.trace = trace;
+        set.price = price, set.trace = trace, set.cost = price + worth_ * trace;
     }
 
     void singles(const Info &start) {
-        for (int i = 0; i < count() && worth(price_[i]); ++i) see(start + info_[i], price_[i], i, -1, -1);
+        for (int i = 0; i < count() && open(price_[i]); ++i) see(start + info_[i], price_[i], i, -1, -1);
     }
 
     void pairs(const Info &start) {
-        for (int i = 0; i + 1 < count() && worth(price_[i] + price_[i + 1]); ++i) {
+        for (int i = 0; i + 1 < count() && open(price_[i] + price_[i + 1]); ++i) {
             const Info one = start + info_[i];
-            for (int j = i + 1; j < count() && worth(price_[i] + price_[j]); ++j) see(one + info_[j], price_[i] + price_[j], i, j, -1);
+            for (int j = i + 1; j < count() && open(price_[i] + price_[j]); ++j) see(one + info_[j], price_[i] + price_[j], i, j, -1);
         }
     }
 
     void triples(const Info &start) {
-        for (int i = 0; i + 2 < count() && worth(price_[i] + price_[i + 1] + price_[i + 2]); ++i) {
+        for (int i = 0; i + 2 < count() && open(price_[i] + price_[i + 1] + price_[i + 2]); ++i) {
             const Info one = start + info_[i];
-            for (int j = i + 1; j + 1 < count() && worth(price_[i] + price_[j] + price_[j + 1]); ++j) {
+            for (int j = i + 1; j + 1 < count() && open(price_[i] + price_[j] + price_[j + 1]); ++j) {
                 const Info two = one + info_[j];
                 const double paid = price_[i] + price_[j];
-                for (int k = j + 1; k < count() && worth(paid + price_[k]); ++k) see(two + info_[k], paid + price_[k], i, j, k);
+                for (int k = j + 1; k < count() && open(paid + price_[k]); ++k) see(two + info_[k], paid + price_[k], i, j, k);
             }
         }
     }

@@ -37,31 +37,39 @@ def cheapest(
     *,
     weights: Vector,
     bound: float | Vector,
-    fewest: int = 0,
-    most: int = MOST,
+    worth: float | Vector = 0.0,
+    limits: tuple[int, int] = (0, MOST),
 ) -> Choice:
     """Least sum of `weights` over sets S with tr (prior + sum_{i in S} g_i g_i')^-1 <= bound.
 
     `information` (..., d, d) [1/m^2] of the prior, `gains` (..., n, d) [1/m], `weights` (..., n) at
-    least 0, infinite for a sensor that cannot be asked; d is 2 or 3; `fewest` to `most` <= 3
-    sensors. Of sets that cost the same the sharpest is taken. Pham (5.4), with the prior counted.
+    least 0, infinite for a sensor that cannot be asked; d is 2 or 3; `limits` are the fewest and
+    the most sensors, at most 3. A sharper result may have a `worth` (...) [1/m^2]: then sum of
+    weights + worth x trace is least. Of sets that cost the same the sharpest is taken. Pham (5.4),
+    with the prior counted.
 
     Raises `InputError` for other shapes, weights that are negative or no numbers, and gains or
     information that are not finite.
     """
     J, g, w = (np.asarray(part, np.float64) for part in (information, gains, weights))
     _check(J, g, w)
+    fewest, most = limits
     if not 0 <= fewest <= most <= MOST or most == 0:
         raise InputError(
             f"found {fewest} to {most} sensors, expected 0 <= fewest <= most <= {MOST}"
         )
-    lead = np.broadcast_shapes(J.shape[:-2], g.shape[:-2], w.shape[:-1], np.shape(bound))
+    if not (np.asarray(worth) >= 0.0).all():
+        raise InputError("found a worth that is negative or no number, expected 0 or more")
+    lead = np.broadcast_shapes(
+        J.shape[:-2], g.shape[:-2], w.shape[:-1], np.shape(bound), np.shape(worth)
+    )
     n, d = g.shape[-2:]
     sensors, cost, trace = _soft.cheapest(
         _stacked(J, lead, (d, d)),
         _stacked(g, lead, (n, d)),
         _stacked(w, lead, (n,)),
         _stacked(np.asarray(bound, np.float64), lead, ()),
+        _stacked(np.asarray(worth, np.float64), lead, ()),
         fewest,
         most,
     )

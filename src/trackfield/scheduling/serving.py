@@ -246,7 +246,7 @@ def _picked(
         gains,
         weights=1.0 / weight,
         bound=_CARE.aim * bound,
-        most=min(count, MOST),
+        limits=(0, min(count, MOST)),
     )
     return found.sensors[found.sensors >= 0]
 

@@ -54,14 +54,15 @@ class Service:
     """What is promised, with which sensors, and how it is kept.
 
     tr P <= `bound_m2` (a number, or one a run) for sensors of one kind, `models`; `care` of the
-    choice; readings that fit with less than 1 - `gate` are suspicious; `nets` are the most sensors
-    that the first, second, ... look of a search wakes; targets are in the `field`, if it is told.
+    choice, more of it since one sensor a step must do; readings that fit with less than 1 - `gate`
+    are suspicious; `nets` are the most sensors that the first, second, ... look of a search wakes;
+    targets are in the `field`, if it is told.
     """
 
     models: RangeModel
     bound_m2: float | Vector
-    care: Care = Care()  # noqa: RUF009 (immutable)
-    gate: float = 0.999
+    care: Care = Care(near_sigmas=3.0)  # noqa: RUF009 (immutable)
+    gate: float = 0.998
     nets: tuple[int, ...] = (8, 12, 18, 24)
     doubt: Doubt = Doubt()  # noqa: RUF009 (immutable)
     field: Region | None = None
