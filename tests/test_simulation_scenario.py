@@ -360,6 +360,9 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Fault": "[[faults]]",
     "SchedulingSettings": "[scheduling]",
     "Energy": "[energy]",
+    "Pursuit": "[pursuit]",
+    "Pursuer": "[[pursuers]]",
+    "Obstacle": "[[obstacles]]",
 }
 
 

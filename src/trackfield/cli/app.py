@@ -14,7 +14,18 @@ from typing import Annotated
 import typer
 
 from trackfield import __version__
-from trackfield.cli import calibrate, check, data, demo, plan, reproduce, score, simulate, track
+from trackfield.cli import (
+    calibrate,
+    check,
+    data,
+    demo,
+    plan,
+    pursue,
+    reproduce,
+    score,
+    simulate,
+    track,
+)
 from trackfield.cli.output import RunError
 from trackfield.errors import ConfigurationError, TrackfieldError
 
@@ -34,6 +45,7 @@ app.command("score")(score.score)
 app.command("check")(check.check)
 app.command("simulate")(simulate.simulate)
 app.command("plan")(plan.plan)
+app.command("pursue")(pursue.pursue)
 app.command("data")(data.data)
 app.command("reproduce")(reproduce.reproduce)
 app.command("demo", hidden=True)(demo.demo)

@@ -43,8 +43,8 @@ class Pursuit:
     ) -> Orders:
         """Order pursuers (p, width) for the step from `t_s` on, knowing rows of tracks up to then.
 
-        `dismissed` tracks are chased no more: their evaders are caught. `InputError` for a time
-        that is not after the last one, and as `Coordinator.step` says.
+        The evaders of `dismissed` tracks are caught. `InputError` for a time that is not after the
+        last one, and as `Coordinator.step` says.
         """
         if self._t_s is not None and not t_s > self._t_s:
             raise InputError(f"found orders for {t_s} s after those for {self._t_s} s")

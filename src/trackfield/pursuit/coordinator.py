@@ -55,7 +55,7 @@ class Coordinator:
 
     def initial(self) -> State:
         """Make the state before the first step."""
-        return State({}, (), frozenset(), None)
+        return State({}, (), {}, None)
 
     def step(
         self,
@@ -68,9 +68,10 @@ class Coordinator:
     ) -> tuple[State, Orders]:
         """Order pursuers (p, width) for the step from `t_s` on, knowing rows of tracks up to then.
 
-        A pursuer whose state is not finite holds. `dismissed` tracks are chased no more: their
-        evaders are caught. `InputError` for a time that is not finite, for states of another shape,
-        and for a first state of a pursuer with a body that is unknown.
+        A pursuer whose state is not finite holds. The evaders of `dismissed` tracks are caught:
+        these are not chased for `forget_s`; who is shown longer is somebody else. `InputError` for
+        a time that is not finite, for states of another shape, and for a first state of a pursuer
+        with a body that is unknown.
         """
         if not math.isfinite(t_s):
             raise InputError(f"found orders for {t_s} s, expected a finite time")
@@ -137,7 +138,8 @@ class Coordinator:
             for name, q in known.items()
             if name not in quarries
         ]
-        over = frozenset(name for name in {*state.dismissed, *dismissed} if name in quarries)
+        until = {**state.dismissed, **dict.fromkeys(dismissed, t_s + own.forget_s)}
+        over = {name: end for name, end in until.items() if name in quarries and t_s < end}
         names = tuple(sorted(name for name in quarries if name not in over))
         found, variance = _carried([quarries[name] for name in names], density, t_s)
         sigma = np.sqrt(variance[:, :2].max(axis=1, initial=0.0))
@@ -233,19 +235,21 @@ def _carried(quarries: Sequence[Quarry], density: float, t_s: float) -> tuple[Ma
 def _orders(t_s: float, commands: Matrix, evader: Indices, costs: Matrix, field: _Field) -> Orders:
     n = len(commands)
     track = np.full(n, NOBODY, np.int32)
-    meeting, expected = np.full((n, 2), np.nan), np.full(n, np.inf)
+    here, meeting, expected = np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.full(n, np.inf)
     busy: NDArray[np.intp] = np.flatnonzero(evader >= 0)
     chased = evader[busy]
     track[busy] = np.array(field.names, np.int32)[chased] if busy.size else NOBODY
     expected[busy] = costs[busy, chased]
     time: Vector = expected[busy][:, None]
-    meeting[busy] = field.state[chased, :2] + time * field.state[chased, 2:]
+    here[busy] = field.state[chased, :2]
+    meeting[busy] = here[busy] + time * field.state[chased, 2:]
     lost = np.isinf(costs).all(axis=0) & (n > 0)
     idle = ~lost & ~np.isin(np.arange(len(field.names)), chased)
     return Orders(
         t_s,
         commands,
         track,
+        here,
         meeting,
         expected,
         np.zeros(n, np.bool_),

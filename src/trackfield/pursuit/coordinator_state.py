@@ -29,12 +29,13 @@ class State(NamedTuple):
     """What a coordinator knows between orders.
 
     `quarries` by track; `chased` (p,) is the track that each pursuer was assigned, -1 for none;
-    `dismissed` tracks are chased no more; `fleet` is where pursuers that keep clear should be.
+    `dismissed` tracks are not chased until the time that stands there [s]; `fleet` is where
+    pursuers that keep clear should be.
     """
 
     quarries: Mapping[int, Quarry]
     chased: tuple[int, ...]
-    dismissed: frozenset[int]
+    dismissed: Mapping[int, float]
     fleet: Fleet | None
 
 
@@ -42,15 +43,16 @@ class Orders(NamedTuple):
     """What pursuers are to do in the step from `t_s` on; all (p, ...).
 
     `commands` (p, 2) are the vehicle's: thrust, velocity or place to go for. `track` is whom each
-    chases, -1: nobody; it expects to be there at `meeting` (p, 2) [m] after `expected_s`, NaN and
-    inf without one. Who chases nobody holds: it brakes and stays. `braked` ones had to, to keep
-    clear. Nobody can catch `out_of_reach` tracks; `unchased` ones wait for a pursuer. `trouble`
-    says what was left out or could not be had.
+    chases, -1: nobody. That is at `evader` (p, 2) [m] now, and to be met at `meeting` (p, 2) [m]
+    after `expected_s`; NaN and inf without one. Who chases nobody holds: it brakes and stays.
+    `braked` ones had to, to keep clear. Nobody can catch `out_of_reach` tracks; `unchased` ones
+    wait for a pursuer. `trouble` says what was left out or could not be had.
     """
 
     t_s: float
     commands: Matrix
     track: Indices
+    evader: Matrix
     meeting: Matrix
     expected_s: Vector
     braked: NDArray[np.bool_]
@@ -99,7 +101,7 @@ def encode(state: State) -> bytes:
         "version": _VERSION,
         "quarries": [[k, q.t_s, *q.mean, *q.variance] for k, q in state.quarries.items()],
         "chased": list(state.chased),
-        "dismissed": sorted(state.dismissed),
+        "dismissed": [[name, until_s] for name, until_s in state.dismissed.items()],
         "fleet": fleet,
     }
     return packed(head, [])
@@ -114,6 +116,6 @@ def decode(data: bytes) -> State:
     return State(
         {row[0]: Quarry(row[1], np.array(row[2:6]), np.array(row[6:])) for row in head["quarries"]},
         tuple(head["chased"]),
-        frozenset(head["dismissed"]),
+        dict(head["dismissed"]),
         None if fleet is None else Fleet(*(np.array(p, float).reshape(-1, 2) for p in fleet)),
     )

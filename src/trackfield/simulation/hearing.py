@@ -58,12 +58,13 @@ def hear_readings(world: World, listening: Listening | None = None) -> Iterator[
     return _in_time(_readings(world, listening))
 
 
-def hear_reports(world: World) -> Iterator[Heard[Reports]]:
+def hear_reports(world: World, listening: Listening | None = None) -> Iterator[Heard[Reports]]:
     """Say what positions are reported, given or fused of signals; else as `hear_readings`.
 
-    `InputError` if the scenario gives readings and says no fusion of them.
+    Of `listening` only the interval counts. `InputError` if the scenario gives readings and says no
+    fusion of them.
     """
-    return _in_time(_reports(world))
+    return _in_time(_reports(world, listening))
 
 
 def all_of(heard: Iterable[Heard[Sent]]) -> tuple[Sent, Passed]:
@@ -124,13 +125,13 @@ def _readings(world: World, listening: Listening | None) -> Iterator[Heard[Readi
         yield Heard(told, passed, until_s)
 
 
-def _reports(world: World) -> Iterator[Heard[Reports]]:
+def _reports(world: World, listening: Listening | None) -> Iterator[Heard[Reports]]:
     scenario = world.scenario
     if scenario.reports is None and scenario.fusion is None:
         raise InputError("found a scenario whose sensors give readings, expected [reports]")
     kept = _kept(world)
     sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
-    for steps in _all_steps(world):
+    for steps, until_s in _pieces(world, listening):
         origin = None
         if scenario.reports is not None:
             table = sensed.as_reports(
@@ -140,7 +141,7 @@ def _reports(world: World) -> Iterator[Heard[Reports]]:
             values = _values(world, steps, kept, sensing)
             table, origin = fuse(scenario, world.deployment, steps, values)
         told, passed = carry_reports(world, table, network, origin=origin)
-        yield Heard(told, passed, float(steps.t_s[-1]) + scenario.step_s)
+        yield Heard(told, passed, until_s)
 
 
 def _spoken(

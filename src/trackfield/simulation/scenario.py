@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field
 from trackfield.network.channel import Channel
 from trackfield.network.energy import Energy
 from trackfield.network.site import Group, SchedulingSettings
+from trackfield.pursuit.assignment import Objective
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
@@ -34,6 +35,8 @@ Motion = Literal["random", "walk", "crossing", "row"]
 FaultKind = Literal["silent", "burst", "clock_jump", "stuck"]
 Carried = Literal["readings", "reports"]
 Fusion = Literal["fit", "centroid"]
+VehicleKind = Literal["thruster", "runner", "car"]
+Sight = Literal["tracks", "exact"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +101,56 @@ class Party:
     start: Point | None = None  # the middle of the row; else that of the region
     heading_deg: Number = 0.0
     spacing_m: Positive = 1.0
+    evade_m_s2: NotNegative = 0.0  # thrust, per axis, by which they flee from pursuers, Oh (10)
+
+
+@dataclass(frozen=True, slots=True)
+class Pursuer:
+    """A pursuer, at rest when the run begins."""
+
+    at: Point  # [m]
+    heading_deg: Number = 0.0  # of a car, counter-clockwise from east
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """What pursuers must go around; evaders, sensors and radio do not mind it."""
+
+    corners: tuple[Point, ...]  # of a polygon [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Pursuit:
+    """What pursuers are, what they know, and when an evader is captured.
+
+    - thruster: `thrust_m_s2` and `speed_m_s` of an axis, its actuators wrong by `error_m_s2`; keeps
+      `apart_m` from the others and `clear_m` from obstacles, whatever happens;
+    - runner: turns at once, goes at `speed_m_s`;
+    - car: `speed_m_s`, `steering_deg`, `wheel_base_m`.
+
+    They know `tracks` of the sensors' readings, or the `exact` truth. A target is captured that was
+    within `capture_m` of one pursuer in `confirm_steps` steps in a row, and is gone. The other keys
+    are those of `pursuit.settings.PursuitSettings`.
+    """
+
+    vehicle: VehicleKind = "thruster"
+    sight: Sight = "tracks"
+    speed_m_s: Positive = 3.0
+    thrust_m_s2: Positive = 1.0
+    error_m_s2: NotNegative = 0.0
+    apart_m: NotNegative = 1.0
+    clear_m: NotNegative = 0.5
+    steering_deg: Annotated[float, Field(gt=0.0, lt=90.0)] = 35.0
+    wheel_base_m: Positive = 0.3
+    capture_m: Positive = 2.0
+    confirm_steps: Annotated[int, Field(ge=1)] = 1
+    objective: Objective = "bottleneck"
+    margin: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.1
+    double: bool = True
+    evader_accel_m_s2: NotNegative = 0.1
+    doubt_sigmas: NotNegative = 0.5
+    most_sigma_m: Positive = 10.0
+    forget_s: Positive = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +186,7 @@ class Scenario:
     their target, who carries a tag. With `fusion`,
     signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12). With
     `scheduling`, sensors say what they measure only while they are told to sense, in closed loop
-    with a tracker; `energy` is what they spend.
+    with a tracker; `energy` is what they spend. With `pursuit`, `pursuers` chase the targets.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", strict=True)
@@ -156,6 +209,9 @@ class Scenario:
     faults: tuple[Fault, ...] = ()
     scheduling: SchedulingSettings | None = None
     energy: Energy | None = None
+    pursuit: Pursuit | None = None
+    pursuers: tuple[Pursuer, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
 
     @property
     def area(self) -> Region:

@@ -16,6 +16,7 @@ from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.sensing.signal import SignalModel
 from trackfield.simulation.deployment import sensor_count, sensor_names
+from trackfield.simulation.pursuit_checks import pursuit_problems
 from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
 
 _PATH = tuple[str | int, ...]
@@ -105,6 +106,7 @@ def contradictions(scenario: Scenario) -> Iterator[str]:
     yield from _sensing(scenario)
     yield from _network(scenario)
     yield from _loop(scenario)
+    yield from pursuit_problems(scenario)
     for i, party in enumerate(scenario.targets, start=1):
         for problem in _party(scenario, party):
             yield f"targets[{i}]{problem}"

@@ -17,10 +17,15 @@ _TRIES = 1000  # to draw a target that stays long enough
 
 
 class Life(NamedTuple):
-    """One target: where it is (m, 2) [m] at its `first` step and those that follow."""
+    """One target: where it is (m, 2) [m] at its `first` step and those that follow.
+
+    Who flees from pursuers does so by `evade_m_s2`, at `speed_m_s` of an axis at most.
+    """
 
     first: int
     path: Matrix
+    evade_m_s2: float
+    speed_m_s: float
 
 
 def truth_of(scenario: Scenario, rng: np.random.Generator) -> Truth:
@@ -29,12 +34,7 @@ def truth_of(scenario: Scenario, rng: np.random.Generator) -> Truth:
     Times are those of the scans. `ConfigurationError` for a party whose targets hardly ever stay
     `least_s`.
     """
-    lives = [
-        life
-        for number, party in enumerate(scenario.targets, start=1)
-        for life in _lives(scenario, party, rng, f"targets[{number}]")
-    ]
-    lives.sort(key=lambda life: life.first)
+    lives = lives_of(scenario, rng)
     lengths = np.array([len(life.path) for life in lives], np.int64)
     target = np.repeat(np.arange(len(lives), dtype=np.int32), lengths)
     step = np.concatenate([life.first + np.arange(len(life.path)) for life in lives] or [target])
@@ -48,6 +48,16 @@ def truth_of(scenario: Scenario, rng: np.random.Generator) -> Truth:
         position=position[order],
         target_ids=tuple(f"t{i + 1}" for i in range(len(lives))),
     )
+
+
+def lives_of(scenario: Scenario, rng: np.random.Generator) -> list[Life]:
+    """Draw all targets, in the order in which they come: those of `truth_of`."""
+    lives = [
+        life
+        for number, party in enumerate(scenario.targets, start=1)
+        for life in _lives(scenario, party, rng, f"targets[{number}]")
+    ]
+    return sorted(lives, key=lambda life: life.first)
 
 
 def _lives(scenario: Scenario, party: Party, rng: np.random.Generator, where: str) -> list[Life]:
@@ -75,7 +85,7 @@ def _lives(scenario: Scenario, party: Party, rng: np.random.Generator, where: st
                     "stays so long, expected less, a longer life or slower targets"
                 ]
             )
-        lives.append(Life(step, path))
+        lives.append(Life(step, path, party.evade_m_s2, party.speed_m_s[1]))
     return lives
 
 

@@ -13,7 +13,7 @@ from trackfield.simulation.targets import truth_of
 from trackfield.types import Truth
 
 _LISTED = 10  # sensors, at most, that a message names
-_STREAMS = ("deployment", "targets", "faults", "errors", "sensing", "network")
+_STREAMS = ("deployment", "targets", "faults", "errors", "sensing", "network", "pursuit")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
