@@ -26,3 +26,14 @@ def shares(
     bound: float,
     k: int,
 ) -> tuple[Vector, Vector]: ...
+def balance(
+    offsets: Indices,
+    nodes: Indices,
+    gains: Matrix,
+    capacity: Vector,
+    prior: Matrix,
+    bound: float,
+    k: int,
+    exponent: float,
+    sweeps: int,
+) -> Indices: ...

@@ -51,24 +51,27 @@ struct Intervals {
 
     size_t count() const { return offsets.shape(0) - 1; }
 
+    // `loaded` makes an interval's search, at the prices of that moment.
     template <int D, int K, class Visit>
-    void each(const Visit &visit) const {
+    void each(const double *price, const Visit &visit) const {
         Search<D, K> search(Information<D>::matrix(prior.data()), bound);
         for (size_t t = 0; t < count(); ++t) {
             const int32_t from = offsets.data()[t], size = offsets.data()[t + 1] - from;
-            search.load(nodes.data() + from, gains.data() + size_t(from) * D, size, prices.data());
-            visit(t, from, search);
+            visit(t, from, [&]() -> Search<D, K> & {
+                search.load(nodes.data() + from, gains.data() + size_t(from) * D, size, price);
+                return search;
+            });
         }
     }
 
     // Visit with dimensions and sizes that the compiler knows.
     template <class Visit>
-    void visit_all(const Visit &visit) const {
+    void visit_all(const double *price, const Visit &visit) const {
         const auto sized = [&]<int D>() {
-            if (k == 1) each<D, 1>(visit);
-            if (k == 2) each<D, 2>(visit);
-            if (k == 3) each<D, 3>(visit);
-            if (k == 4) each<D, 4>(visit);
+            if (k == 1) each<D, 1>(price, visit);
+            if (k == 2) each<D, 2>(price, visit);
+            if (k == 3) each<D, 3>(price, visit);
+            if (k == 4) each<D, 4>(price, visit);
         };
         gains.shape(1) == 2 ? sized.template operator()<2>() : sized.template operator()<3>();
     }
@@ -83,8 +86,8 @@ static nb::tuple best(const Intervals &in, const Pick &pick) {
     double *value = new double[m + 1];
     {
         nb::gil_scoped_release release;
-        in.visit_all([&](size_t t, int32_t from, auto &search) {
-            const auto c = pick(search);
+        in.visit_all(in.prices.data(), [&](size_t t, int32_t from, const auto &loaded) {
+            const auto c = pick(loaded());
             value[t] = c.value;
             for (size_t j = 0; j < k; ++j)
                 chosen[t * k + j] = c.value < kNone ? in.nodes.data()[from + c.place[j]] : -1;
@@ -101,17 +104,53 @@ static nb::tuple shares(const Intervals &in) {
     {
         nb::gil_scoped_release release;
         std::vector<double> each;
-        in.visit_all([&](size_t t, int32_t from, auto &search) {
+        in.visit_all(in.prices.data(), [&](size_t t, int32_t from, const auto &loaded) {
             const size_t size = size_t(in.offsets.data()[t + 1] - from);
             each.assign(size, 0.0);
-            sets[t] = search.count(each);
+            sets[t] = loaded().count(each);
             for (size_t i = 0; i < size; ++i) share[size_t(from) + i] = sets[t] > 0 ? each[i] / sets[t] : 0.0;
         });
     }
     return nb::make_tuple(column(share, entries), column(sets, m));
 }
 
+// Wear all nodes evenly: interval by interval, over and over, take the set with the least rise of
+// sum x (l/x)^(p+1), given all other intervals' sets; every sweep's sets (sweeps, m, k).
+static nb::object balance(const Intervals &in, double exponent, int sweeps) {
+    in.check();
+    const size_t m = in.count(), n = in.prices.shape(0), k = size_t(in.k);
+    int32_t *all = new int32_t[size_t(sweeps) * m * k + 1];
+    {
+        nb::gil_scoped_release release;
+        const double *x = in.prices.data();
+        std::vector<double> load(n, 0.0), price(n);
+        const auto shift = [&](int32_t i, double by) {
+            load[i] += by;
+            price[i] = x[i] > 0 ? std::pow((load[i] + 0.5) / x[i], exponent) : kNone;
+        };
+        for (size_t i = 0; i < n; ++i) shift(int32_t(i), 0.0);
+        std::vector<int32_t> now(m * k, -1);
+        for (int s = 0; s < sweeps; ++s) {
+            in.visit_all(price.data(), [&](size_t t, int32_t from, const auto &loaded) {
+                int32_t *c = now.data() + t * k;
+                for (size_t j = 0; j < k; ++j)
+                    if (c[j] >= 0) shift(c[j], -1.0);
+                const auto best = loaded().cheapest();
+                for (size_t j = 0; j < k; ++j) {
+                    c[j] = best.value < kNone ? in.nodes.data()[from + best.place[j]] : -1;
+                    if (c[j] >= 0) shift(c[j], 1.0);
+                }
+            });
+            std::copy(now.begin(), now.end(), all + size_t(s) * m * k);
+        }
+    }
+    return table(all, size_t(sweeps) * m, k);
+}
+
 NB_MODULE(_lifetime, m) {
+    m.def("balance", [](Ints offsets, Ints nodes, Table gains, Numbers capacity, Table prior, double bound, int k, double exponent, int sweeps) {
+        return balance({offsets, nodes, gains, capacity, prior, bound, k}, exponent, sweeps);
+    });
     m.def("cheapest", [](Ints offsets, Ints nodes, Table gains, Numbers prices, Table prior, double bound, int k) {
         return best({offsets, nodes, gains, prices, prior, bound, k}, [](auto &search) { return search.cheapest(); });
     });
