@@ -9,8 +9,8 @@ import selection_twin as twin
 from trackfield._core import _selection
 from trackfield.errors import InputError
 from trackfield.linalg import UNKNOWN_VARIANCE, covariance_of
-from trackfield.scheduling.criteria import FINE, known
-from trackfield.scheduling.relaxation import dual_bound
+from trackfield.scheduling.criteria import FINE, known, rescaled
+from trackfield.scheduling.relaxation import dual_bound, relax
 from trackfield.scheduling.selection import select
 
 seeds = st.integers(0, 2**32 - 1)
@@ -207,3 +207,30 @@ def test_where_thousands_are_alike_the_tree_is_given_up_and_the_bound_says_it_do
     assert found.way == "exchanges"
     assert not found.optimal
     assert found.ratio < 1.002
+
+
+@given(seeds, criteria, st.sampled_from([1e-2, 1e6, 1e12, 1e35]), st.sampled_from([9, 60]))
+def test_a_change_of_units_changes_no_sensor(seed, criterion, unit, n):
+    g, prior = field(seed, n, 3), some_prior(seed, 3)
+    here = select(g, 4, prior=prior, criterion=criterion)
+    there = select(unit * g, 4, prior=unit**2 * prior, criterion=criterion)
+    again = rescaled(there.bound, unit, criterion=criterion, d=3)
+    assert again == pytest.approx(here.bound, rel=1e-4, abs=1e-4)  # as near as it is sought
+    value = rescaled(there.value, unit, criterion=criterion, d=3)
+    if here.optimal and there.optimal:
+        assert value == pytest.approx(here.value, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("criterion", ["A", "D", "E"])
+@pytest.mark.parametrize("scale", [1e-300, 1e-100, 1e-40, 1e-10, 9e38])
+@pytest.mark.parametrize("n", [10, 40, 400])
+def test_numbers_of_any_size_give_numbers(criterion, scale, n):
+    g = scale * field(9, n, 3, spread=10.0) / np.exp(10.0)
+    for prior in (np.zeros((3, 3)), np.eye(3), 1e-30 * np.eye(3), 1e60 * np.eye(3)):
+        found = select(g, 4, prior=prior, criterion=criterion)
+        relaxed = relax(g, 4, prior=prior, criterion=criterion)
+        assert len(found.sensors) == 4
+        assert np.isfinite([found.value, found.bound, found.ratio, relaxed.value]).all()
+        assert np.isfinite(relaxed.bound)
+        assert np.isfinite(found.covariance).all()
+        assert np.isfinite(relaxed.shares).all()

@@ -25,6 +25,7 @@ struct Cut {
     Packed<D> slope;  // gradient of the merit in the information
 
     double score(const double *g) const { return slope.quadratic(g); }
+    bool sound() const { return std::isfinite(bound); }
 };
 
 // Sum of the k largest.
@@ -41,6 +42,7 @@ Cut<D> tangent(const Packed<D> &slope, const Field<D> &field, const Limits &limi
     std::vector<double> scores(field.n);
     for (int i = 0; i < field.n; ++i) {
         scores[i] = slope.quadratic(field.gain(i, 0));
+        if (!std::isfinite(scores[i])) return {};  // which bounds nothing
         if (limits.rows == 2) scores[i] = std::max(scores[i] - price * limits.costs[i], 0.0);
     }
     const double most = top(scores, int(limits.most[0])) + (limits.rows == 2 ? price * limits.most[1] : 0.0);
@@ -58,7 +60,7 @@ Cut<D> tangent(const Packed<D> &slope, const Field<D> &field, const Limits &limi
     }
     Cut<D> cut{constant + factor * inner(slope, prior), factor * price, constant + factor * reach, slope};
     for (double &x : cut.slope.a) x *= factor;
-    return cut;
+    return std::isfinite(cut.bound) ? cut : Cut<D>{};
 }
 
 }  // namespace trackfield::selection

@@ -37,6 +37,7 @@ Found<D> best_affordable(const Field<D> &field, int most, double ridge, const do
     for (int32_t i : order)
         if (int(rounded.size()) < most && spent + costs[i] <= budget) rounded.push_back(i), spent += costs[i];
     offer(rounded);
+    if (!found.cut.sound()) return found;
     const Bounded bounded = bounded_by(found.cut, field, costs, budget);
     Tree<D> tree(field, bounded, most, ridge);
     tree.improve(found.set, value, work);
@@ -55,7 +56,12 @@ class Thrift {
     Thrift(const Field<D> &field, const Cut<D> &cut, double multiplier, int most, double ridge, const double *costs, double level)
         : field_(field), costs_(costs), most_(most), level_(level), order_(field.n), rest_(field.n), before_(field.n + 1, 0.0), states_(most + 1), now_(most) {
         least_ = multiplier * (level - cut.constant);
-        for (int i = 0; i < field.n; ++i) rest_[i] = costs[i] - multiplier * cut.score(field.gain(i, 0));
+        bool sound = std::isfinite(least_);
+        for (int i = 0; i < field.n; ++i) {
+            rest_[i] = costs[i] - multiplier * cut.score(field.gain(i, 0));
+            sound = sound && std::isfinite(rest_[i]);
+        }
+        if (!sound) least_ = 0.0, rest_.assign(costs, costs + field.n);  // the costs themselves bound
         std::iota(order_.begin(), order_.end(), 0);
         std::sort(order_.begin(), order_.end(), [&](int a, int b) { return rest_[a] < rest_[b]; });
         for (int p = 0; p < field.n; ++p) before_[p + 1] = before_[p] + std::min(rest_[order_[p]], 0.0);
@@ -137,7 +143,7 @@ Cheapest<D> cheapest(const Field<D> &field, Set able, int most, double ridge, co
         Relaxation<D> relaxed(field, Limits{2, costs, {double(most), budget}}, ridge);
         relaxed.solve(1e-5);
         (relaxed.value >= level ? high : low) = budget;
-        if (!(relaxed.cut.price > 0)) continue;
+        if (!relaxed.cut.sound() || !(relaxed.cut.price > 0)) continue;
         const Thrift<D> trial(field, relaxed.cut, 1.0 / relaxed.cut.price, most, ridge, costs, level);
         if (trial.bound() > found.bound || multiplier == 0) found.bound = trial.bound(), multiplier = 1.0 / relaxed.cut.price, best = relaxed.cut;
     }

@@ -38,7 +38,7 @@ Relaxed<D> relax(const Field<D> &field, const Limits &limits, double ridge, doub
     for (int round = 0; round < kRounds; ++round) {
         rank.clear();
         for (int i = 0; i < field.n; ++i)
-            if (!inside[i]) rank.push_back({slope.quadratic(field.gain(i, 0)), i});
+            if (const double score = slope.quadratic(field.gain(i, 0)); !inside[i]) rank.push_back({std::isfinite(score) ? score : 0.0, i});
         const int more = std::min<int>(kPool, int(rank.size()));
         std::nth_element(rank.begin(), rank.begin() + more, rank.end(), std::greater<>());
         for (int p = 0; p < more; ++p) inside[rank[p].second] = 1, pool.push_back(rank[p].second);
@@ -78,6 +78,7 @@ Found<D> search(const Field<D> &field, int k, double ridge, int64_t work) {
     const double other = swaps.improve(rounded);
     if (other > value) value = other, found.set = rounded;
     found.cut = relaxed.cut;
+    if (!found.cut.sound()) return found;
     Bounded bounded{relaxed.cut.constant, std::vector<double>(field.n)};
     for (int i = 0; i < field.n; ++i) bounded.score[i] = relaxed.cut.score(field.gain(i, 0));
     Tree<D> tree(field, bounded, k, ridge);

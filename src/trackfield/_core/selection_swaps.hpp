@@ -10,7 +10,7 @@ class Swaps {
   public:
     Swaps(const Field<D> &field, double ridge) : field_(field), near_(field), ridge_(ridge), taken_(field.n, 0) {}
 
-    // Best pair, then the best next one until there are k.
+    // The best next one k times.
     Set greedy(int k) {
         std::fill(taken_.begin(), taken_.end(), uint8_t(0));
         State<D> state = field_.start(std::max(ridge_, kSoft));

@@ -20,6 +20,7 @@ from trackfield.types import Indices, Matrix, Vector
 Criterion = Literal["A", "D", "E"]
 CRITERIA: tuple[Criterion, ...] = ("A", "D", "E")
 DIMENSIONS = 6  # at most
+LARGEST, SILENT = 1e40, 1e-40  # gains: more is refused, less says nothing
 FINE, COARSE = 1e-13, 1e-5
 """Information of free directions in a search, as share of the largest |g|^2: so little that it does
 not count where something is known of all of them, and enough to compare sets where not."""
@@ -48,6 +49,33 @@ def left(gains: Matrix, rows: Indices, *, prior: Matrix, code: int) -> Known:
     return Known(*_selection.left(gains[None], prior[None], rows, code))
 
 
+class Scaled(NamedTuple):
+    """Gains (n, d) of which the largest entry is 1, and the prior with them, in units of `length`.
+
+    So that a search meets the same numbers whatever the unit; `length` is 0 where nobody says
+    anything.
+    """
+
+    gains: Matrix
+    prior: Matrix
+    length: float
+
+
+def scaled(gains: Matrix, prior: Matrix) -> Scaled:
+    """Measure lengths in units in which the largest gain is 1."""
+    largest = float(np.abs(gains).max(initial=0.0))
+    if largest < SILENT:
+        return Scaled(gains, prior, 0.0)
+    return Scaled(gains / largest, prior / largest**2, 1.0 / largest)
+
+
+def rescaled(value: float, length: float, *, criterion: Criterion, d: int) -> float:
+    """Turn a value in other units of length into one in metres: A m^2, E 1/m^2, D log 1/m^(2 d)."""
+    if criterion == "A":
+        return value * length**2
+    return value - 2.0 * d * math.log(length) if criterion == "D" else value / length**2
+
+
 def ratio(value: float, bound: float, *, criterion: Criterion, d: int) -> float:
     """How many times the best a value is at most, >= 1: of variances, for D of their mean.
 
@@ -70,9 +98,9 @@ def checked(gains: Matrix, prior: Matrix | None) -> tuple[Matrix, Matrix]:
     g = np.ascontiguousarray(gains, float)
     if g.ndim != 2 or not 1 <= g.shape[1] <= DIMENSIONS:
         raise InputError(f"gains of shape {g.shape}: expected (n, d), d from 1 to {DIMENSIONS}")
-    finite = np.isfinite(g)
-    if not finite.all():
-        i = int(np.flatnonzero(~finite.all(axis=1))[0])
+    fine = np.abs(g) <= LARGEST
+    if not fine.all():
+        i = int(np.flatnonzero(~fine.all(axis=1))[0])
         raise InputError(f"gains of sensor {i}: found {g[i].tolist()}, expected finite numbers")
     d = g.shape[1]
     return g, np.zeros((d, d)) if prior is None else checked_prior(prior, d)
@@ -81,7 +109,7 @@ def checked(gains: Matrix, prior: Matrix | None) -> tuple[Matrix, Matrix]:
 def checked_prior(prior: Matrix, d: int) -> Matrix:
     """Prior information (d, d), contiguous; `InputError` if it is none."""
     p = np.ascontiguousarray(prior, float)
-    if p.shape != (d, d) or not np.isfinite(p).all():
+    if p.shape != (d, d) or not (np.abs(p) <= LARGEST**2).all():
         raise InputError(f"prior of shape {p.shape}: expected finite numbers, ({d}, {d})")
     slack = 1e-9 * float(np.abs(p).max())
     if float(np.abs(p - p.T).max()) > slack or float(np.linalg.eigvalsh(p)[0]) < -slack:

@@ -32,6 +32,8 @@ from trackfield.scheduling.criteria import (
     checked_prior,
     criterion_code,
     known,
+    rescaled,
+    scaled,
 )
 from trackfield.types import Matrix, Vector
 
@@ -68,11 +70,22 @@ def relax(
         everything = known(g, prior=p, criterion=criterion)
         slope = _slope(everything.covariance, criterion)
         return Relaxation(shares, everything.value, everything.value, slope)
-    determined = not len(known(g, prior=p).missing)
-    fields = g[None], p[None], k, code, FINE if determined else COARSE, TOLERANCE
-    shares, _, bound, certificate = _selection.relaxed(*fields)
+    unit = scaled(g, p)
+    if not unit.length:  # nobody says anything: all shares are alike
+        left = known(g[:0], prior=p, criterion=criterion)
+        slope = _slope(left.covariance, criterion)
+        return Relaxation(np.full(len(g), k / len(g)), left.value, left.value, slope)
+    ridge = COARSE if len(known(g, prior=p).missing) else FINE
+    fields = unit.gains[None], unit.prior[None], k, code, ridge, TOLERANCE
+    shares, _, merit, certificate = _selection.relaxed(*fields)
     reached = known(g * np.sqrt(shares)[:, None], prior=p, criterion=criterion).value
-    return Relaxation(shares, reached, -bound if criterion == "A" else bound, certificate)
+    bound = rescaled(
+        -merit if criterion == "A" else merit, unit.length, criterion=criterion, d=len(p)
+    )
+    if not math.isfinite(bound):  # numbers of no size: no shares are better than all sensors
+        everything = known(g, prior=p, criterion=criterion)
+        bound, certificate = everything.value, _slope(everything.covariance, criterion)
+    return Relaxation(shares, reached, bound, certificate)
 
 
 def dual_bound(

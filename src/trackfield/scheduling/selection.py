@@ -18,12 +18,15 @@ from trackfield.scheduling import criteria
 from trackfield.scheduling.criteria import (
     COARSE,
     FINE,
+    SILENT,
     Criterion,
     checked,
     checked_costs,
     checked_number,
     criterion_code,
     left,
+    rescaled,
+    scaled,
 )
 from trackfield.types import Indices, Matrix, Vector
 
@@ -103,7 +106,8 @@ def select(
     c = None if costs is None else checked_costs(costs, len(g))
     if not budget >= 0.0 or (c is None and budget < math.inf):
         raise InputError(f"budget: found {budget:g}, expected costs, and a budget of at least 0")
-    task = _Task(g, p, k, code, c, budget)
+    unit = scaled(g, p)
+    task = _Task(unit.gains, unit.prior, k, code, c, budget)
     found = _search(task, FINE)
     known = left(g, found.sensors, prior=p, code=code)
     if len(known.missing):
@@ -112,7 +116,11 @@ def select(
         known = left(g, found.sensors, prior=p, code=code)
     bound = known.value
     if found.bound is not None and not len(known.missing):
-        bound = -found.bound if criterion == "A" else found.bound
+        merit = -found.bound if criterion == "A" else found.bound
+        bound = rescaled(merit, unit.length, criterion=criterion, d=len(p))
+        everybody = left(g, np.arange(len(g), dtype=np.int32), prior=p, code=code).value
+        if not math.isfinite(bound) or (bound < everybody) == (criterion == "A"):
+            bound = everybody  # no set is better than all sensors: a bound for numbers of no size
     return Selection(
         sensors=found.sensors,
         value=known.value,
@@ -151,6 +159,8 @@ def work(n: int) -> int:
 def _search(task: _Task, ridge: float) -> _Found:
     """Find sensors among those that the budget pays for."""
     g, p, k, code, costs, budget = task
+    if not g.size or float(np.abs(g).max()) < SILENT:  # all sets are alike
+        return _Found(np.arange(k if costs is None else 0, dtype=np.int32), "enumeration")
     if costs is None or np.sort(costs)[len(costs) - k :].sum() <= budget:
         return _search_free(g, p, k, code=code, ridge=ridge)
     payable = np.flatnonzero(costs <= budget).astype(np.int32)

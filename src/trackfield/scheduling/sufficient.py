@@ -16,6 +16,8 @@ from trackfield.scheduling.criteria import (
     checked_number,
     criterion_code,
     known,
+    rescaled,
+    scaled,
 )
 from trackfield.scheduling.selection import select, work
 from trackfield.types import Indices, Matrix, Vector
@@ -74,9 +76,11 @@ def sufficient(
         sensors, proved = best.sensors, best.optimal
         feasible = best.determined and _enough(best.value, level, criterion)
         if feasible:
-            merit = -level if criterion == "A" else level
-            task = g[None], p[None], k, code, FINE, c, merit, sensors, work(len(g))
-            sensors, bound, proved = _selection.sufficient(*task)
+            unit = scaled(g, p)
+            merit = rescaled(level, 1.0 / unit.length, criterion=criterion, d=len(p))
+            merit = -merit if criterion == "A" else merit
+            task = unit.gains[None], unit.prior[None], k, code, FINE, c, merit, sensors
+            sensors, bound, proved = _selection.sufficient(*task, work(len(g)))
         elif best.optimal or not _enough(best.bound, level, criterion):
             bound = np.inf
     chosen = np.sort(sensors)
