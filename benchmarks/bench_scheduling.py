@@ -28,20 +28,35 @@ from trackfield.simulation.on_demand import RangesOnDemand
 from trackfield.simulation.tagged import to_truth
 from trackfield.types import Matrix, join_rows, select_rows
 
-MODEL = RangeModel(sigma_m=0.2, max_range_m=4.0)
-SPACING_M = 1.0
+SIGMA_M = 0.2
 STEP_S = 0.5
-SPEED_M_S, TURN_S = 0.7, 20.0  # per axis, and how long a velocity lasts
+TURN_S = 20.0  # how long a velocity lasts
 WARM_S = 10.0
 FIRST_SEED = 500
 
 
 class World(NamedTuple):
-    """A field of `nodes`, one to a square metre, and targets in the middle of it."""
+    """A square field of `nodes`, and targets in the middle of it; their speed is per axis."""
 
     nodes: int = 2500
     targets: int = 1
     steps: int = 240
+    spacing_m: float = 1.0
+    reach_m: float = 4.0
+    speed_m_s: float = 0.7
+
+    @property
+    def side_m(self) -> float:
+        """Length of a side."""
+        return self.spacing_m * math.sqrt(self.nodes)
+
+    @property
+    def model(self) -> RangeModel:
+        """What each node measures."""
+        return RangeModel(sigma_m=SIGMA_M, max_range_m=self.reach_m)
+
+
+PHAM = World(441, spacing_m=0.5, reach_m=2.418, speed_m_s=0.35)
 
 
 class Row(NamedTuple):
@@ -70,13 +85,13 @@ ROWS = (
 
 def paths(rng: np.random.Generator, world: World) -> Matrix:
     """Targets (targets, steps, 2) [m]: velocities that fade, pulled to the middle of the field."""
-    side = SPACING_M * math.sqrt(world.nodes)
-    pull, parts = (SPEED_M_S / (side / 8.0)) ** 2, 5
+    side, speed = world.side_m, world.speed_m_s
+    pull, parts = (speed / (side / 8.0)) ** 2, 5
     h = STEP_S / parts
     keep = math.exp(-h / TURN_S)
-    kick = SPEED_M_S * math.sqrt(1.0 - keep**2)
+    kick = speed * math.sqrt(1.0 - keep**2)
     place = side / 2.0 + side / 8.0 * rng.standard_normal((world.targets, 2))
-    velocity = SPEED_M_S * rng.standard_normal((world.targets, 2))
+    velocity = speed * rng.standard_normal((world.targets, 2))
     found = np.empty((world.targets, world.steps, 2))
     for k in range(world.steps):
         found[:, k] = place
@@ -90,19 +105,19 @@ def paths(rng: np.random.Generator, world: World) -> Matrix:
 def drive(world: World, settings: SchedulingSettings, seed: int) -> tuple[Site, list[Turn], Matrix]:
     """Run a world: its site, its intervals, and where the targets really were."""
     rng = np.random.default_rng(seed)
-    side = SPACING_M * math.sqrt(world.nodes)
-    places = rng.uniform(0.0, side, (world.nodes, 2))
+    places = rng.uniform(0.0, world.side_m, (world.nodes, 2))
+    accel = world.speed_m_s * math.sqrt(2.0 / TURN_S)
     site = Site(
         "dense",
         tuple(f"s{i}" for i in range(world.nodes)),
         np.column_stack([places, np.full(world.nodes, np.nan)]),
-        (MODEL,) * world.nodes,
-        target=Target(motion="cv", accel_sigma_m_s2=SPEED_M_S * math.sqrt(2.0 / TURN_S)),
+        (world.model,) * world.nodes,
+        target=Target(motion="cv", accel_sigma_m_s2=accel),
         scheduling=settings,
     )
     ways = paths(rng, world)
     draws = np.random.default_rng([seed, 1])
-    senses = RangesOnDemand(NodeIndex(places), MODEL, ways, STEP_S, draws, settings.burst)
+    senses = RangesOnDemand(NodeIndex(places), world.model, ways, STEP_S, draws, settings.burst)
     loop = closed_loop(site, senses, Tracker(site), duration_s=world.steps * STEP_S)
     return site, list(loop), ways
 
@@ -153,14 +168,13 @@ def unfiltered(seeds: Sequence[int], world: World = World()) -> float:  # noqa: 
     for seed in seeds:
         _, turns, ways = drive(world, policy(policy="all"), seed)
         rng = np.random.default_rng(seed)
-        side = SPACING_M * math.sqrt(world.nodes)
-        places = rng.uniform(0.0, side, (world.nodes, 2))
+        places = rng.uniform(0.0, world.side_m, (world.nodes, 2))
         for turn in turns:
             if turn.told.t_s < WARM_S:
                 continue
             k = round(turn.told.t_s / STEP_S)
             said = turn.readings
-            found = blue(places[said.sensor], said.value, sigma_m=MODEL.sigma_m)
+            found = blue(places[said.sensor], said.value, sigma_m=SIGMA_M)
             squares.append(float(((found.position - ways[0, k]) ** 2).sum()))
     return math.sqrt(np.mean(squares))
 
@@ -189,17 +203,21 @@ def main() -> None:
     runs = parser.parse_args().runs
     seeds = range(FIRST_SEED, FIRST_SEED + runs)
     head = ("policy", "RMSE [m]", "above sleep", "in all", "sense", "awake", "tracked")
-    print("{:38s}{:>10s}{:>14s}{:>10s}{:>8s}{:>8s}{:>9s}".format(*head))
-    for row in ROWS:
-        found = measure(row.settings, seeds)
+    print("{:48s}{:>10s}{:>14s}{:>10s}{:>8s}{:>8s}{:>9s}".format(*head))
+    pham = (ROWS[0], ROWS[2], Row("accuracy, 3 sensors, bursts of 30", policy(sensors=3, burst=30)))
+    lines = [(row, World()) for row in ROWS] + [
+        (row._replace(name=f"Pham's field, {row.name}"), PHAM) for row in pham
+    ]
+    for row, world in lines:
+        found = measure(row.settings, seeds, world)
         print(
-            f"{row.name:38s}{found.rmse_m:10.4f}{found.above_sleep:14.1f}{found.total:10.1f}"
+            f"{row.name:48s}{found.rmse_m:10.4f}{found.above_sleep:14.1f}{found.total:10.1f}"
             f"{found.sensing:8.1f}{found.active:8.1f}{found.tracked:9.3f}",
             flush=True,
         )
         if row.settings.policy == "all":
-            print(f"{'the same, and nobody sleeps':48s}{awake(found):>24.1f}")
-    print(f"all in range, each interval by itself{unfiltered(seeds):11.4f}")
+            print(f"{'the same, and nobody sleeps':48s}{awake(found, world):>34.1f}")
+    print(f"{'all in range, each interval by itself':48s}{unfiltered(seeds):10.4f}")
     for nodes, targets in ((1000, 3), (10_000, 1), (10_000, 3), (10_000, 10)):
         world = World(nodes, targets, 400)
         best = min(seconds_a_step(world) for _ in range(3))
