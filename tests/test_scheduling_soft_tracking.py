@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from trackfield.errors import ConfigurationError
 from trackfield.filtering import kalman, second_order
 from trackfield.motion import SteppedAcceleration
 from trackfield.raster import Region
@@ -158,3 +159,10 @@ def test_with_every_battery_empty_the_belief_only_widens():
         now = predicted(now)
     assert not info.kept.any()
     assert np.isfinite(now.belief.covariance).all()
+
+
+def test_a_service_that_cannot_be_is_refused():
+    with pytest.raises(ConfigurationError) as refused:
+        Service(MODEL, np.array([0.1, 0.0]), gate=1.0, nets=())
+    assert len(refused.value.problems) == 3
+    assert Service(MODEL, np.array([0.1, 0.2])).gate == SERVICE.gate

@@ -16,6 +16,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfield.errors import ConfigurationError
 from trackfield.filtering import gridded, second_order
 from trackfield.filtering.gridded import Doubt, Heard
 from trackfield.linalg import gate
@@ -66,6 +67,25 @@ class Service:
     nets: tuple[int, ...] = (8, 12, 18, 24)
     doubt: Doubt = Doubt()  # noqa: RUF009 (immutable)
     field: Region | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be promised."""
+        problems = [
+            f"service: found {name} {value}, expected {words}"
+            for name, value, good, words in (
+                ("bound_m2", self.bound_m2, bool(np.all(self.bound_m2 > 0.0)), "more than 0"),
+                ("gate", self.gate, 0.0 < self.gate < 1.0, "between 0 and 1"),
+                (
+                    "nets",
+                    self.nets,
+                    min(self.nets, default=0) > 0,
+                    "one or more, of 1 sensor or more",
+                ),
+            )
+            if not good
+        ]
+        if problems:
+            raise ConfigurationError(problems)
 
 
 class State(NamedTuple):
