@@ -93,7 +93,7 @@ def test_energy_is_that_of_the_modes_told():
     assert half.troubles == found.troubles
 
 
-def test_few_sensors_track_a_target_and_a_tenth_of_the_energy_does_with_bursts():
+def test_few_sensors_that_measure_often_are_as_good_as_all_for_a_fraction_of_the_energy():
     """All in range sense, against four that measure as often as all of them together."""
     errors, energies = {}, {}
     for name, settings in {
