@@ -1,4 +1,4 @@
-"""Pham, chapter 5: who senses under a hard bound on a snapshot, Figs. 5.2-5.5; how long that lasts."""
+"""Pham, chapter 5: who senses under a hard bound on a snapshot, and how long that lasts."""
 
 from __future__ import annotations
 
