@@ -43,11 +43,21 @@ def test_a_wave_is_found_again(turn, seed, count, dt_s):
     rng = np.random.default_rng(seed)
     count = max(count, int(1.0 / turn) + 2)
     t = 100.0 + dt_s * np.arange(count)
-    made = robot_waves.Waves(t[-1:], np.array([turn / dt_s]), rng.normal(size=(1, 4, 2)))
+    made = robot_waves.Waves(t[-1:], np.full((1, 2), turn / dt_s), rng.normal(size=(1, 4, 2)))
     made.coefficients[0, 1] /= dt_s
     fit = robot_waves.fit_wave(t, robot_waves.at(made, t)[0])
     later = t[-1] + dt_s * np.arange(1.0, count / 2)
     assert_allclose(robot_waves.at(fit, later), robot_waves.at(made, later), atol=1e-3)
+
+
+def test_each_axis_may_have_its_own_rate():
+    t = np.arange(60.0)
+    track = np.column_stack([5.0 - 5.0 * np.cos(0.1 * t), 4.0 + np.sin(0.35 * t + 1.0) - 0.1 * t])
+    fit = robot_waves.fit_axes(t[:40], track[:40])
+    assert_allclose(fit.rate, [[0.1, 0.35]], rtol=1e-6)
+    assert_allclose(robot_waves.at(fit, t)[0], track, atol=1e-5)
+    both = robot_waves.fit_wave(t[:40], track[:40])
+    assert np.abs(robot_waves.at(both, t)[0] - track).max() > 0.1
 
 
 def test_a_wave_is_least_squares_at_its_rate():
@@ -64,7 +74,7 @@ def test_a_wave_is_least_squares_at_its_rate():
     found = np.square(robot_waves.at(fit, t)[0] - track).sum()
     rates = np.linspace(0.05, 2.0, 2000)
     assert found <= 1.02 * min(left_over(rate) for rate in rates)
-    assert found >= left_over(fit.rate[0]) * (1.0 - 1e-9)
+    assert found >= left_over(fit.rate[0, 0]) * (1.0 - 1e-9)
 
 
 def test_a_line_is_the_regression():

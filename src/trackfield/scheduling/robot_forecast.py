@@ -25,7 +25,7 @@ class Foresight:
 
     most: int = 200
     reach: float = 4.0
-    skill: float = 0.5
+    skill: float = 0.35
 
 
 class Forecast(NamedTuple):
@@ -48,7 +48,7 @@ NOTHING = Memory(
     np.empty(0),
     np.empty((0, 2)),
     0.0,
-    (Waves(np.empty(0), np.empty(0), np.empty((0, 4, 2))),) * 2,
+    (Waves(np.empty(0), np.empty((0, 2)), np.empty((0, 4, 2))),) * 3,
 )
 
 
@@ -65,7 +65,8 @@ def seen(memory: Memory, t_s: float, position: Vector) -> Memory:
     if t.size == 2:
         spacing = float(t[1] - t[0])
     if t.size >= waves.FEWEST:
-        new = waves.fit_wave(t, p), waves.fit_line(t[-_RECENT:], p[-_RECENT:])
+        line = waves.fit_line(t[-_RECENT:], p[-_RECENT:])
+        new = waves.fit_wave(t, p), waves.fit_axes(t, p), line
         fits = tuple(_latest(old, fit) for old, fit in zip(fits, new, strict=True))
     if t.size >= KEPT:
         t, p, spacing = t[1::2], p[1::2], 2.0 * spacing

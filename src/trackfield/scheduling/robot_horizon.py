@@ -111,15 +111,12 @@ def horizon_path(
 
 
 def _discs_ahead(memory: Memory, t_s: float, reach: float, horizon: Horizon) -> Matrix:
-    """Where the target is expected while it stays in the region, (k, 2)."""
+    """Where the target is expected, when that is in the region, (k, 2)."""
     tolerance = horizon.tolerance * reach
     ahead = robot_forecast.forecast(
         memory, t_s, tolerance_m=tolerance, foresight=horizon.foresight
     ).position
-    if horizon.region is None or not len(ahead):
-        return ahead
-    outside = ~horizon.region.contains(ahead)
-    return ahead[: int(np.argmax(outside))] if outside.any() else ahead
+    return ahead if horizon.region is None else ahead[horizon.region.contains(ahead)]
 
 
 def _first_inside(place: Vector, aim: Vector, target: Vector, reach: float) -> Vector:

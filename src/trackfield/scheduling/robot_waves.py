@@ -2,8 +2,8 @@
 
     p(t) = a + b s + c cos(w s) + d sin(w s),  s = t - now
 
-with one rate w for both axes: a straight line, a circle, a sinusoid across the field, a patrol to
-and fro. An autoregression of order two with a constant says the same without noise; with noise it
+with one rate w for both axes or one each: a straight line, a circle, a sinusoid across the field
+and back. An autoregression of order two with a constant says the same without noise; with noise it
 takes a slow wave for a faster or a dying one, as least squares in w does not.
 """
 
@@ -26,13 +26,13 @@ _RIDGE = 1e-12  # a sample: keeps slow waves apart from drift, to rounding
 
 
 class Waves(NamedTuple):
-    """Fits (k,), each made at `t_s` (k,): rates `rate` (k,) [rad/s], `coefficients` (k, 4, 2) [m].
+    """Fits (k,) made at `t_s` (k,): `rate` (k, 2) [rad/s] of each axis, `coefficients` (k, 4, 2).
 
-    The rows of the coefficients are a, b, c, d; b in metres a second.
+    The rows of the coefficients are a, b, c, d [m], b in metres a second.
     """
 
     t_s: Vector
-    rate: Vector
+    rate: Matrix
     coefficients: Matrix
 
 
@@ -44,22 +44,15 @@ def fit_wave(t_s: Vector, positions: Matrix) -> Waves:
     nothing is shrunk. w is searched from a tenth of a period in all to fourteen, and no faster than
     .4 periods a sample; then Gauss and Newton's way from the best on.
     """
-    s = t_s - t_s[-1]
-    middle, count, span = positions.mean(axis=0), len(s), -float(s[0])
-    y = positions - middle
-    tried = _PERIODS[_FASTEST * (count - 1) >= _PERIODS]
-    rates = 2.0 * math.pi / span * tried
-    bases = _bases(s, rates)
-    rough = float(rates[_best(bases, y, 0.0)[0]])
-    rate, coefficients, left_over = _polished(s, y, rough, 0.0)
-    square = max(float(np.square(y).sum()) / count, np.finfo(float).tiny)
-    shrink = left_over / (2 * count - 9) / (_LARGEST**2 * square)
-    if shrink > _RIDGE:
-        rough = float(rates[_best(bases, y, shrink)[0]])
-        rate, coefficients, _ = _polished(s, y, rough, shrink)
-    coefficients[0] += middle
-    coefficients[1] /= span
-    return Waves(t_s[-1:], np.array([rate]), coefficients[None])
+    rate, coefficients = _fitted(t_s - t_s[-1], positions)
+    return Waves(t_s[-1:], np.full((1, 2), rate), coefficients[None])
+
+
+def fit_axes(t_s: Vector, positions: Matrix) -> Waves:
+    """Fit each axis as `fit_wave` does, with a rate of its own."""
+    fits = [_fitted(t_s - t_s[-1], axis[:, None]) for axis in positions.T]
+    rates = np.array([[rate for rate, _ in fits]])
+    return Waves(t_s[-1:], rates, np.hstack([coefficients for _, coefficients in fits])[None])
 
 
 def fit_line(t_s: Vector, positions: Matrix) -> Waves:
@@ -69,13 +62,15 @@ def fit_line(t_s: Vector, positions: Matrix) -> Waves:
     x = s - middle
     slope = x @ positions / (x @ x)
     flat = np.zeros(2)
-    return Waves(t_s[-1:], np.zeros(1), np.array([[y - slope * middle, slope, flat, flat]]))
+    return Waves(t_s[-1:], np.zeros((1, 2)), np.array([[y - slope * middle, slope, flat, flat]]))
 
 
 def at(waves: Waves, t_s: Vector) -> Matrix:
     """Where each of the fits (k,) expects the target at the times `t_s` (n,): (k, n, 2) [m]."""
-    s = t_s - waves.t_s[:, None]
-    return _basis(s, waves.rate[:, None]) @ waves.coefficients
+    s = (t_s - waves.t_s[:, None])[..., None]
+    turn = waves.rate[:, None] * s
+    a, b, c, d = waves.coefficients.transpose(1, 0, 2)[:, :, None]
+    return a + b * s + c * np.cos(turn) + d * np.sin(turn)
 
 
 def join(fits: list[Waves]) -> Waves:
@@ -83,22 +78,34 @@ def join(fits: list[Waves]) -> Waves:
     return Waves(*(np.concatenate(part) for part in zip(*fits, strict=True)))
 
 
-def _basis(s: Vector, rate: Vector) -> Matrix:
-    """Rows (k, n, 4) of 1, s, cos(w s), sin(w s)."""
-    turn = rate * s
-    s = np.broadcast_to(s, turn.shape)
-    return np.stack([np.ones_like(turn), s, np.cos(turn), np.sin(turn)], axis=-1)
+def _fitted(s: Vector, positions: Matrix) -> tuple[float, Matrix]:
+    """Rate and coefficients (4, q) of places (m, q) at s (m,), the last of which is 0."""
+    middle, (count, axes), span = positions.mean(axis=0), positions.shape, -float(s[0])
+    y = positions - middle
+    rates = 2.0 * math.pi / span * _PERIODS[_FASTEST * (count - 1) >= _PERIODS]
+    bases = _bases(s, rates)
+    rough = float(rates[_best(bases, y, 0.0)[0]])
+    rate, coefficients, left_over = _polished(s, y, rough, 0.0)
+    square = max(float(np.square(y).sum()) / count, np.finfo(float).tiny)
+    free = max(1, axes * (count - 4) - 1)
+    shrink = left_over / free / (_LARGEST**2 * square)
+    if shrink > _RIDGE:
+        rough = float(rates[_best(bases, y, shrink)[0]])
+        rate, coefficients, _ = _polished(s, y, rough, shrink)
+    coefficients[0] += middle
+    coefficients[1] /= span
+    return rate, coefficients
 
 
 def _bases(s: Vector, rates: Vector) -> Matrix:
-    """Give the basis of each of the rates (k,), (k, m, 4), the drift in whole spans."""
-    bases = _basis(s, rates[:, None])
-    bases[..., 1] /= -s[0]
-    return bases
+    """Rows of 1, s, cos(w s), sin(w s) for each of the rates (k,), (k, m, 4); s in whole spans."""
+    turn = rates[:, None] * s
+    drift = np.broadcast_to(s / -s[0], turn.shape)
+    return np.stack([np.ones_like(turn), drift, np.cos(turn), np.sin(turn)], axis=-1)
 
 
 def _best(bases: Matrix, y: Matrix, shrink: float) -> tuple[int, Matrix, float]:
-    """Which of the bases (k, m, 4) fits best, its coefficients (4, 2), and what is left over."""
+    """Which of the bases (k, m, 4) fits best, its coefficients (4, q), and what is left over."""
     transposed = bases.transpose(0, 2, 1)
     coefficients = _solved(transposed @ bases + _penalty(y, shrink), transposed @ y)
     squares = np.square(y - bases @ coefficients).sum(axis=(1, 2))
