@@ -22,7 +22,7 @@ class Swaps {
             for (int i = 0; i < field_.n; ++i) {
                 if (taken_[i]) continue;
                 const double with = near_.with(i, value);
-                if (with > value) value = with, best = i;
+                if (best < 0 || with > value) value = with, best = i;
             }
             taken_[best] = 1;
             set.push_back(best);
