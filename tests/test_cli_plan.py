@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cli_runs
+from trackfield.cli import plan_lifetime
 from trackfield.errors import InputError
 from trackfield.localization.information import site_gains
 from trackfield.network.site_file import load_site
@@ -343,3 +344,73 @@ def test_obstacles_have_three_corners(call, site):
     done = call("plan", site)
     assert done.code == 2
     assert "obstacles[1].polygon: found 2 corners, expected 3 or more" in done.err
+
+
+LIFE = """
+[energy]
+sleep_mw = 0
+battery_j = 20
+"""
+
+
+def test_a_lifetime_is_counted_in_intervals_and_days(call, site, tmp_path):
+    site.write_text(site.read_text() + LIFE)
+    picture = tmp_path / "life.png"
+    more = ("--passes-per-day", 2, "--clairvoyant", "--bound", 0.05)
+    told = call("plan", site, "--lifetime", *more, "--plot", picture, "--json").json
+    assert told["policy"] == "learned"
+    assert told["battery_sensings"] == told["simulated_sensings"] == pytest.approx(20.0 / 3.33)
+    first = told["intervals"]["first_death"]
+    assert 0 < first <= told["nobody_longer_intervals"]
+    assert told["days"]["first_death"] == pytest.approx(first / 50.0)  # asleep it spends nothing
+    assert told["sleeping_days"] is None
+    assert picture.exists()
+    table = call("plan", site, "--lifetime", "--policy", "geometry", "--bound", 0.05)
+    assert "first node exhausted" in table.out
+    assert "days" not in table.out
+
+
+def test_crossings_go_from_side_to_side(site):
+    ways = plan_lifetime._crossings(load_site(site), 400, np.random.default_rng(0))
+    region = np.array([[0.0, 0.0], [12.0, 10.0]])
+    for end in (ways[:, 0], ways[:, -1]):
+        on = np.isclose(end[:, None], region).any(axis=1)
+        assert on.any(axis=1).all()
+        assert on.mean(axis=0) == pytest.approx([0.5, 0.5], abs=0.1)
+        assert ((end >= region[0] - 1e-9) & (end <= region[1] + 1e-9)).all()
+    assert (np.linalg.norm(ways[:, -1] - ways[:, 0], axis=1) > 0.0).all()
+
+
+def test_sleep_takes_its_share_of_the_days_and_long_lives_are_in_proportion(call, site, walk):
+    site.write_text(site.read_text() + "[energy]\nbattery_j = 3000\n")
+    passes = ("--truth", walk, "--passes-per-day", 1, "--bound", 0.05)
+    told = call("plan", site, "--lifetime", *passes, "--policy", "cost", "--json").json
+    assert told["simulated_sensings"] == 40.0
+    assert told["battery_sensings"] > 500.0
+    assert told["days"]["first_death"] < told["sleeping_days"]
+    assert told["days"]["first_death"] > 0.5 * told["sleeping_days"]
+
+
+def test_a_bound_that_no_set_keeps_is_told_with_what_would_help(call, site):
+    site.write_text(site.read_text() + LIFE)
+    done = call("plan", site, "--lifetime", "--bound", 0.0001)
+    assert done.code == 1
+    assert "in 100 % of the intervals no 3 sensors reach 0.0001 m^2" in done.err
+
+
+def test_a_lifetime_needs_ranges_and_sensing_that_costs(call, site, tmp_path):
+    text = site.read_text()
+    assert "expected one of: geometry" in call("plan", site, "--lifetime", "--policy", "x").err
+    rate = call("plan", site, "--lifetime", "--passes-per-day", "-1")
+    assert "--passes-per-day: found -1, expected a rate above 0" in rate.err
+    free = "[energy]\nrx_mw = 0\ntx_mw = 0\nidle_mw = 0\nsense_mw = 0\n"
+    site.write_text(text + free)
+    assert "found sensing that costs no more than sleeping" in call("plan", site, "--lifetime").err
+    site.write_text(
+        text.replace('kind = "range"', 'kind = "bearing"').replace(
+            "bias_m = 0\nscale = 0\nsigma_m = 0.1\n", ""
+        )
+    )
+    done = call("plan", site, "--lifetime")
+    assert done.code == 2
+    assert "expected 'range' of all" in done.err

@@ -48,6 +48,25 @@ def plan(
     target: Annotated[
         str | None, typer.Option("--target", metavar="ID", help="Whom it follows; else the first.")
     ] = None,
+    lifetime: Annotated[
+        bool, typer.Option("--lifetime", help="For how long the field serves, target by target.")
+    ] = False,
+    policy: Annotated[
+        str, typer.Option("--policy", metavar="NAME", help="How sets are chosen, with --lifetime.")
+    ] = "learned",
+    bound: Annotated[
+        float | None,
+        typer.Option("--bound", metavar="M2", min=1e-12, help="Of a snapshot's trace [m^2]."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="TRUTH", help="Passes; else crossings.")
+    ] = None,
+    passes_per_day: Annotated[
+        float | None, typer.Option("--passes-per-day", metavar="N", help="To tell days.")
+    ] = None,
+    clairvoyant: Annotated[
+        bool, typer.Option("--clairvoyant", help="What no policy exceeds, too; slow.")
+    ] = False,
     rms: Annotated[
         float | None,
         typer.Option("--rms", metavar="M", help="How many nodes are enough for an error [m]."),
@@ -62,10 +81,23 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan the work of SITE's sensors: what they can do, whom to ask, how long they last."""
-    from trackfield.cli import plan_count, plan_field, plan_map, plan_point, plan_robot
+    from trackfield.cli import (
+        plan_count,
+        plan_field,
+        plan_lifetime,
+        plan_map,
+        plan_point,
+        plan_robot,
+    )
     from trackfield.network.site_file import load_site
 
-    questions = {"--at": at, "--map": map_file, "--robot": robot, "--rms": rms}
+    questions = {
+        "--at": at,
+        "--map": map_file,
+        "--robot": robot,
+        "--lifetime": lifetime or None,
+        "--rms": rms,
+    }
     asked = [name for name, given in questions.items() if given is not None]
     if len(asked) > 1:
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
@@ -86,6 +118,11 @@ def plan(
         answer = plan_map.answer(loaded, map_file, sensors=sensors, cell_m=cell)
     elif robot is not None:
         answer = plan_robot.answer(loaded, robot, start=start, target=target)
+    elif lifetime:
+        wish = plan_lifetime.Wish(
+            policy, sensors or 3, bound, truth, passes_per_day, seed, clairvoyant
+        )
+        answer = plan_lifetime.answer(loaded, wish)
     elif rms is not None:
         answer = plan_count.answer(loaded, rms, layout=layout, seed=seed)
     else:
