@@ -48,7 +48,7 @@ def show_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: 
         table.add_column(Text(column), justify="right" if i else "left", no_wrap=True)
     for row in rows:
         table.add_row(*map(Text, row))
-    width = None if sys.stdout.isatty() else 160  # a file has no width: cut nothing
+    width = None if sys.stdout.isatty() else 400  # a file has no width: cut nothing
     Console(file=sys.stdout, highlight=False, width=width).print(table)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.scheduling.lifetime import Field, Lifetime
     from trackfield.scheduling.lifetime_candidates import Need
-    from trackfield.types import Matrix
+    from trackfield.types import Matrix, Vector
 
 _INTERVALS = 25  # of a pass
 _SENSINGS = 40.0  # of a node, at most, that are simulated; longer lives are in proportion
@@ -135,7 +135,8 @@ def _passes(site: Site, case: _Case, wish: Wish) -> Matrix:
 def _evenly(walk: Matrix) -> Matrix:
     """Places (`_INTERVALS`, d) of a walk (n, d), evenly over its rows."""
     row, share = np.linspace(0.0, 1.0, len(walk)), np.linspace(0.0, 1.0, _INTERVALS)
-    return np.column_stack([np.interp(share, row, x) for x in walk.T])
+    axes: list[Vector] = [np.interp(share, row, x) for x in walk.T]
+    return np.column_stack(axes)
 
 
 def _crossings(site: Site, count: int, rng: np.random.Generator) -> Matrix:

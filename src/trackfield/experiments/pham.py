@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from trackfield.experiments import (
+    pham_lifetime,
     pham_robot,
     pham_selection,
+    pham_soft,
     pham_tracking,
     pham_uncertainty,
 )
@@ -42,6 +44,8 @@ _CHAPTERS = tuple(
         (pham_uncertainty.run, pham_uncertainty),
         (pham_selection.run, pham_selection),
         (pham_robot.robot, pham_robot),
+        (pham_lifetime.run, pham_lifetime),
+        (pham_soft.soft, pham_soft),
     )
 )
 
