@@ -25,7 +25,18 @@ def found():
 
 def test_every_figure_has_its_table(found):
     titles = " ".join(table.title for table in found.tables)
-    for name in ("Fig. 4", "Figs. 6-8", "Fig. 10", "Loss", "Delay", "Misplaced", "Moves", "17-18"):
+    for name in (
+        "Fig. 4",
+        "Figs. 6-8",
+        "Fig. 10",
+        "Loss",
+        "Delay",
+        "Misplaced",
+        "Moves",
+        "17-18",
+        "Fig. 12",
+        "Last capture",
+    ):
         assert name in titles
     for table in found.tables:
         assert {len(row) for row in table.rows} == {len(table.columns)}
@@ -63,7 +74,17 @@ def test_more_loss_and_delay_are_worse(found):
 
 def test_findings_say_what_holds(found):
     said = " ".join(found.findings)
-    for word in ("Fig. 4", "Peeling", "fusion", "Four groups", "Misplaced", "tolerates", "Walkers"):
+    for word in (
+        "Fig. 4",
+        "Peeling",
+        "fusion",
+        "Four groups",
+        "Misplaced",
+        "tolerates",
+        "Walkers",
+        "greedy",
+        "Robust",
+    ):
         assert word in said
     assert found.to_dict()["paper"] == "oh"
 
@@ -71,7 +92,8 @@ def test_findings_say_what_holds(found):
 def test_every_figure_is_drawn(found, tmp_path):
     figures = found.figures()
     assert {name.split("_")[0] for name in figures} == {
-        "fig4", "fig6", "fig7", "fig8", "fig10", "fig17", "fig18", "sweeps"
+        "fig4", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12", "fig17", "fig18", "fig19",
+        "sweeps",
     }  # fmt: skip
     figures["sweeps"].savefig(tmp_path / "sweeps.png")
     assert (tmp_path / "sweeps.png").stat().st_size > 10_000

@@ -13,11 +13,13 @@ from trackfield.experiments import (
     oh_fig678,
     oh_findings,
     oh_network,
+    oh_pursuit,
     oh_sweeps,
     oh_walkers,
 )
 from trackfield.experiments.oh_fig4 import Fig4
 from trackfield.experiments.oh_network import CONTEST, OURS, USUAL, Outcome
+from trackfield.experiments.oh_pursuit import Pursued
 from trackfield.experiments.oh_sweeps import Sweeps
 from trackfield.experiments.oh_walkers import Walkers
 from trackfield.experiments.results import Table, mean_interval
@@ -44,7 +46,7 @@ class Size(NamedTuple):
 
 FULL = Size(6000, 300, 10, 3, 1, 100, 12)
 QUICK = Size(100, 10, 1, 1, 4, 30, 1)
-_FIRST_WORLD, _FIRST_WALK = 20, 7000  # seeds
+_FIRST_WORLD, _FIRST_WALK, _FIRST_PURSUIT = 20, 7000, 9000  # seeds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +63,7 @@ class Reproduction:
     network: Mapping[str, Sequence[Outcome]]
     sweeps: Sweeps
     walkers: Walkers
+    pursued: Pursued
 
     def to_dict(self) -> dict[str, object]:
         """Give tables and findings as plain objects."""
@@ -83,13 +86,13 @@ def reproduce(
     quick: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Reproduction:
-    """Run Figs. 4, 6-8, 10, 17-18 and the sweeps of loss, delay, misplaced sensors and moves.
+    """Run Figs. 4, 6-8, 10-12, 17-19 and the sweeps of loss, delay, misplaced sensors and moves.
 
     `quick` takes one short world where the full run takes ten. `progress` is called with shares
     from 0 to 1. Worlds have seeds of their own; `rng` draws the rest.
     """
     size = QUICK if quick else FULL
-    tick = _Ticker(progress, 2 + size.worlds + oh_sweeps.settings(size.thin) + 3 * size.walks)
+    tick = _Ticker(progress, 5 + size.worlds + oh_sweeps.settings(size.thin) + 3 * size.walks)
     fig4 = oh_fig4.fig4(size.samples, fits=size.fits)
     tick()
     scans = oh_fig678.reproduce(rng, quick=quick)
@@ -99,6 +102,7 @@ def reproduce(
     worlds = oh_sweeps.Worlds(seeds[: size.sweep_worlds], size.steps)
     sweeps = oh_sweeps.sweeps(worlds, rng, thin=size.thin, tick=tick)
     walkers = oh_walkers.walkers(rng, runs=size.walks, first_seed=_FIRST_WALK, tick=tick)
+    chased = oh_pursuit.pursued(quick=quick, first_seed=_FIRST_PURSUIT, tick=tick)
     tables = (
         _fig4_table(fig4),
         *scans.tables,
@@ -106,9 +110,14 @@ def reproduce(
         _network_table(network, rng),
         *oh_sweeps.tables(sweeps),
         oh_walkers.table(walkers, size.walks),
+        *oh_pursuit.tables(chased),
     )
-    findings = (*scans.findings, *oh_findings.findings(fig4, network, sweeps, walkers))
-    return Reproduction(tables, findings, fig4, scans, network, sweeps, walkers)
+    findings = (
+        *scans.findings,
+        *oh_findings.findings(fig4, network, sweeps, walkers),
+        *oh_pursuit.findings(chased),
+    )
+    return Reproduction(tables, findings, fig4, scans, network, sweeps, walkers, chased)
 
 
 def _network(

@@ -1,4 +1,4 @@
-"""Figures 4, 6-8, 10, 17 and 18 of Oh's paper, and the sweeps, from the reproduction's own runs."""
+"""Figures 4, 6-8, 10-12, 17-19 of Oh's paper, and the sweeps, from the reproduction's own runs."""
 
 # Matplotlib's own types leave keyword arguments unknown.
 # pyright: reportUnknownMemberType=false
@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from trackfield.experiments.oh_network import CONTEST, OURS
+from trackfield.experiments.oh_pursuit_figures import pursuit_figures
 from trackfield.experiments.oh_sweeps import Sweep
 from trackfield.metrics.many import followed
 from trackfield.plotting.fields import plot_detections
@@ -45,6 +46,7 @@ def figures(found: oh.Reproduction) -> dict[str, Figure]:
         "fig18_raster": plot_detections(
             readings.t_s[seen], readings.sensor[seen], sensors=len(sensors), title="Detections"
         ),
+        **pursuit_figures(found.pursued),
     }
 
 
