@@ -84,7 +84,7 @@ def run(rng: np.random.Generator, *, quick: bool = False) -> LifetimeResult:
         _choice(rng),
         _elimination(sensors, rng, steps=60 if quick else 400),
         _ranks(rng, draws=40 if quick else 400),
-        _lives(fields=1 if quick else 3, passes=24 if quick else 200),
+        _lives(fields=1 if quick else 2, passes=24 if quick else 200),
         rng,
     )
 
