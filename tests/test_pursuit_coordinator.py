@@ -9,12 +9,16 @@ from hypothesis import strategies as st
 
 from pursuit_runs import carried, rows
 from trackfield.errors import ConfigurationError, InputError, StateError
+from trackfield.hierarchy.archive import packed, unpacked
 from trackfield.pipeline.pursuing import Pursuit
 from trackfield.pursuit.coordinator import coordinator
+from trackfield.pursuit.coordinator_state import decode, encode, learned
+from trackfield.pursuit.detours import delayed, leg
 from trackfield.pursuit.separation import Body
 from trackfield.pursuit.settings import PursuitSettings
 from trackfield.pursuit.vehicles import Runner, Thruster
 from trackfield.pursuit.wheeled import Wheels
+from trackfield.scheduling.obstacles import Obstacles
 from trackfield.scheduling.robot_car import Car
 from trackfield.types import Status
 
@@ -277,6 +281,42 @@ def test_snapshots_of_others_are_refused():
         other.restore(one.snapshot())
     with pytest.raises(StateError, match="not a tracker's snapshot"):
         one.restore(b"nothing")
+
+
+def test_states_of_another_version_are_refused():
+    state = coordinator(Thruster(), SETTINGS).initial()
+    head, _ = unpacked(encode(state), parts=0)
+    assert decode(encode(state)) == state
+    with pytest.raises(StateError, match="another version of a coordinator"):
+        decode(packed({**head, "version": 2}, []))
+
+
+def test_older_rows_of_a_track_do_not_take_it_back():
+    now, doubts = learned({}, rows(EVADERS[:1], t_s=2.0), until_s=3.0, density=0.1)
+    again, _ = learned(now, rows(EVADERS[1:], t_s=1.0, numbers=[1]), until_s=3.0, density=0.1)
+    assert again[1].t_s == 2.0
+    np.testing.assert_array_equal(again[1].mean, EVADERS[0])
+    expected = np.cbrt(2.0 * 0.1**2 * 0.3**2)
+    np.testing.assert_allclose(now[1].variance, [0.09, 0.09, expected, expected])
+    assert not doubts
+
+
+def test_where_no_way_leads_a_pursuer_stays():
+    box = Obstacles([[[-1.0, -1], [1, -1], [1, 1], [-1, 1]]])
+    walls = [
+        [[-5.0, -5], [5, -5], [5, -4], [-5, -4]],
+        [[-5.0, 4], [5, 4], [5, 5], [-5, 5]],
+        [[-5.0, -5], [-4, -5], [-4, 5], [-5, 5]],
+        [[4.0, -5], [5, -5], [5, 5], [4, 5]],
+    ]
+    aim = leg(np.zeros(2), np.array([9.0, 0, 0, 0]), 1.0, Obstacles(walls), 0.5)
+    np.testing.assert_array_equal(aim, 0.0)
+    # From inside an obstacle it goes out of it first, by the nearest border.
+    aim = leg(np.array([0.5, 0.0]), np.array([-9.0, 0, 0, 0]), 1.0, box, 0.5)
+    np.testing.assert_allclose(aim[:2], [1.0, 0.0])
+    way = [[0.0, 0.0]]
+    free = delayed(np.ones((1, 1)), np.array(way), np.array([[3.0, 0, 0, 0]]), Obstacles())
+    assert free.tolist() == [[1.0]]
 
 
 def test_bad_calls_and_settings_are_refused():
