@@ -39,8 +39,8 @@ intervals over scans, worlds or runs, by bootstrap.
 
 <!-- Written by `make papers`. -->
 
-All of this is printed and drawn by `trackfield reproduce pham -o FOLDER`. Where two numbers stand side
-by side, the first one is the paper's.
+All of this is printed and drawn by `trackfield reproduce pham -o FOLDER`. Where two numbers stand
+side by side, the first one is the paper's.
 
 """,
 }

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from trackfield.filtering import extended, gridded
-from trackfield.filtering.gridded import Doubt, Heard
+from trackfield.filtering.gridded import Doubt, Answers
 from trackfield.raster import Region
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian
@@ -29,14 +29,14 @@ def test_far_sensors_make_it_the_kalman_filter():
     sensors = np.array([[-95.0, 5.0], [5.0, 205.0]])
     z = np.array([100.1, 199.85])
     far = RangeModel(sigma_m=0.1)
-    ours = gridded.update(STATE, Heard(sensors, z, NOBODY), models=far, doubt=SURE)
+    ours = gridded.update(STATE, Answers(sensors, z, NOBODY), models=far, doubt=SURE)
     plain = extended.update(STATE, z, extended.Ranges(sensors, far)).posterior
     assert_allclose(ours.mean, plain.mean, atol=2e-3)
     assert_allclose(ours.covariance, plain.covariance, atol=1e-3)
 
 
 def test_silence_and_a_range_as_weighed_samples_have_it():
-    heard = Heard(np.array([[4.4, 5.5]]), np.array([0.9]), np.array([[6.1, 5.2]]))
+    heard = Answers(np.array([[4.4, 5.5]]), np.array([0.9]), np.array([[6.1, 5.2]]))
     doubt = Doubt(share=0.2, wider=9.0, deaf=0.05)
     rng = np.random.default_rng(1)
     P = STATE.covariance[:2, :2]
@@ -56,7 +56,7 @@ def test_silence_and_a_range_as_weighed_samples_have_it():
 
 def test_two_ranges_that_leave_two_places_leave_both():
     prior = Gaussian(np.array([0.0, 0.05]), np.eye(2))
-    heard = Heard(np.array([[-0.5, 0.0], [0.5, 0.0]]), np.full(2, np.hypot(0.5, 1.0)), NOBODY)
+    heard = Answers(np.array([[-0.5, 0.0], [0.5, 0.0]]), np.full(2, np.hypot(0.5, 1.0)), NOBODY)
     both = gridded.update(prior, heard, models=MODEL)
     assert both.covariance[1, 1] == pytest.approx(1.0, abs=0.15)  # at y = +-1
     assert both.covariance[0, 0] < 0.05
@@ -69,15 +69,15 @@ def test_a_target_that_was_lost_is_found_where_the_readings_are():
     truth = np.array([6.0, 5.6])  # five standard deviations from where it was believed
     sensors = np.array([[5.5, 5.0], [6.5, 5.2], [5.8, 6.4]])
     z = np.linalg.norm(sensors - truth, axis=1)
-    found = gridded.update(STATE, Heard(sensors, z, NOBODY), models=MODEL)
+    found = gridded.update(STATE, Answers(sensors, z, NOBODY), models=MODEL)
     assert_allclose(found.mean[:2], truth, atol=0.1)
 
 
 def test_the_field_bounds_where_it_can_be():
     prior = Gaussian(np.array([0.1, 5.0]), np.diag([0.25, 0.01]))
-    free = gridded.update(prior, Heard(NOBODY, np.zeros(0), NOBODY), models=MODEL)
+    free = gridded.update(prior, Answers(NOBODY, np.zeros(0), NOBODY), models=MODEL)
     kept = gridded.update(
-        prior, Heard(NOBODY, np.zeros(0), NOBODY), models=MODEL, field=Region(0, 0, 10, 10)
+        prior, Answers(NOBODY, np.zeros(0), NOBODY), models=MODEL, field=Region(0, 0, 10, 10)
     )
     assert free.mean[0] == pytest.approx(0.1, abs=1e-6)
     assert kept.mean[0] > 0.4
@@ -85,7 +85,7 @@ def test_the_field_bounds_where_it_can_be():
 
 def test_velocity_follows_the_position_as_the_prior_has_it():
     sensors = np.array([[4.0, 5.0]])
-    heard = Heard(sensors, np.array([1.2]), NOBODY)
+    heard = Answers(sensors, np.array([1.2]), NOBODY)
     found = gridded.update(STATE, heard, models=MODEL, doubt=SURE)
     P = STATE.covariance
     K = P[2:, :2] @ np.linalg.inv(P[:2, :2])
@@ -101,7 +101,7 @@ def test_whatever_is_heard_it_stays_a_belief(seed, heard, silent):
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((4, 4)) * rng.uniform(0.05, 1.0)
     prior = Gaussian(rng.uniform(0, 10, 4), root @ root.T + 1e-4 * np.eye(4))
-    told = Heard(
+    told = Answers(
         rng.uniform(0, 10, (heard, 2)), rng.uniform(0, 3, heard), rng.uniform(0, 10, (silent, 2))
     )
     found = gridded.update(prior, told, models=MODEL, field=Region(0, 0, 10, 10))

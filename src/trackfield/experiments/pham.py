@@ -56,7 +56,7 @@ class Reproduction:
 
     tables: tuple[Table, ...]
     findings: tuple[str, ...]
-    drawn: tuple[Callable[[], dict[str, Figure]], ...]
+    drawn: tuple[Callable[[], dict[str, Any]], ...]
 
     def to_dict(self) -> dict[str, object]:
         """Give tables and findings as plain objects."""

@@ -36,7 +36,7 @@ _LOOPS = (2.0, 2.5, 4.0)  # ranges of Figs. 4.7 and 4.8
 _SINK = np.zeros(2)
 
 
-class Robot(NamedTuple):
+class PhamRobot(NamedTuple):
     """Everything of chapter 4; `tables`, `findings` and `figures` tell it.
 
     `loops` are closed-loop runs, by the rule and with foresight at each range; `traffic` what the
@@ -50,7 +50,7 @@ class Robot(NamedTuple):
     traffic: tuple[Traffic, Traffic, Traffic]
 
 
-def robot(rng: np.random.Generator, *, quick: bool = False) -> Robot:
+def robot(rng: np.random.Generator, *, quick: bool = False) -> PhamRobot:
     """Run all of chapter 4; `quick` with 2 tracks of a kind where the full run takes 12."""
     runs = 2 if quick else 12
     tracks, walks, seed = rng.spawn(3)
@@ -61,7 +61,7 @@ def robot(rng: np.random.Generator, *, quick: bool = False) -> Robot:
         for ahead in (False, True)
     ]
     middle = next(one for one in loops if one.setting == Setting(2.5, ahead=True))
-    return Robot(
+    return PhamRobot(
         tuple(on_sinusoids(tracks, runs=runs)),
         tuple(without_period(walks, runs=runs)),
         tuple(loops),
@@ -69,7 +69,7 @@ def robot(rng: np.random.Generator, *, quick: bool = False) -> Robot:
     )
 
 
-def tables(found: Robot) -> tuple[Table, ...]:
+def tables(found: PhamRobot) -> tuple[Table, ...]:
     """Tell ways over the optimum, ways without a period, closed-loop runs, and traffic."""
     ratios = tuple(
         (
@@ -130,7 +130,7 @@ def tables(found: Robot) -> tuple[Table, ...]:
     )
 
 
-def findings(found: Robot) -> tuple[str, ...]:
+def findings(found: PhamRobot) -> tuple[str, ...]:
     """Say what was found, and what could not be recovered."""
     by_noise = {
         noise: [one for one in found.ratios if one.noise_m == noise]
@@ -167,7 +167,7 @@ def findings(found: Robot) -> tuple[str, ...]:
     )
 
 
-def figures(found: Robot) -> dict[str, Figure]:
+def figures(found: PhamRobot) -> dict[str, Figure]:
     """Draw Figs. 4.7-4.9 and the ways over the optimum, by file name without its suffix."""
     from trackfield.experiments import pham_robot_figures  # deferred: Matplotlib is optional
 

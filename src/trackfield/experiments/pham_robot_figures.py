@@ -17,10 +17,10 @@ from trackfield.plotting.style import GREY, PALETTE, new_figure
 from trackfield.scheduling.robot_optimum import shortest_tour
 
 if TYPE_CHECKING:
-    from trackfield.experiments.pham_robot import Robot
+    from trackfield.experiments.pham_robot import PhamRobot
 
 
-def figures(found: Robot) -> dict[str, Figure]:
+def figures(found: PhamRobot) -> dict[str, Figure]:
     """Draw all figures, by file name without its suffix."""
     by_setting = {one.setting: one for one in found.loops}
     return {
@@ -75,7 +75,7 @@ def _shown(loop: Loop) -> tuple[float, float]:
     return float(y.min()) - 2.0, float(y.max()) + 2.0
 
 
-def _ways(found: Robot) -> Figure:
+def _ways(found: PhamRobot) -> Figure:
     """Draw mean ways over the shortest by range, a panel a noise."""
     noises = sorted({one.noise_m for one in found.ratios})
     figure = new_figure(11.0, 3.8)

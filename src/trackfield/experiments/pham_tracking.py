@@ -31,7 +31,7 @@ SPEEDS_M_S = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 NOISES_M = (0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 
 
-class Tracking(NamedTuple):
+class PhamTracking(NamedTuple):
     """Everything of chapter 2; `tables`, `findings` and `figures` tell it.
 
     `reigns` holds a battery [J] and who was master without a margin and with it.
@@ -51,7 +51,7 @@ class Tracking(NamedTuple):
     services: tuple[Service, ...]
 
 
-def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
+def track(rng: np.random.Generator, *, quick: bool = False) -> PhamTracking:
     """Run all of chapter 2; `quick` with one draw of the noise where the full run takes eight."""
     runs, thin = (1, 6) if quick else (8, 1)
     way, nodes = pham_passage.passage(), pham_passage.square()
@@ -68,7 +68,7 @@ def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
         for joules in ((pham_masters.BATTERY_J,) if quick else BATTERIES_J)
     )
     usual = next(row for row in reigns if row[0] == pham_masters.BATTERY_J)
-    return Tracking(
+    return PhamTracking(
         way=way,
         nodes=nodes,
         rows=pham_table21.rows(way, nodes, runs=runs, rng=rng),
@@ -92,12 +92,12 @@ def track(rng: np.random.Generator, *, quick: bool = False) -> Tracking:
     )
 
 
-def findings(found: Tracking) -> tuple[str, ...]:
+def findings(found: PhamTracking) -> tuple[str, ...]:
     """Say what the tables come to, and what could not be recovered from the paper."""
     return pham_tracking_findings.findings(found)
 
 
-def tables(found: Tracking) -> tuple[Table, ...]:
+def tables(found: PhamTracking) -> tuple[Table, ...]:
     """Table 2.1 with the paper's numbers beside ours, its radii, sweeps and hand-overs."""
     return (
         _table21(found),
@@ -111,14 +111,14 @@ def tables(found: Tracking) -> tuple[Table, ...]:
     )
 
 
-def figures(found: Tracking) -> dict[str, Figure]:
+def figures(found: PhamTracking) -> dict[str, Figure]:
     """Draw Figs. 2.4-2.11 with Matplotlib, by file name without its suffix."""
     from trackfield.experiments.pham_tracking_figures import figures as drawn
 
     return drawn(found)
 
 
-def _table21(found: Tracking) -> Table:
+def _table21(found: PhamTracking) -> Table:
     lines = tuple(
         (
             f"{paper.measured:.1f} / {here.measured:.1f}",
@@ -143,7 +143,7 @@ def _table21(found: Tracking) -> Table:
     return Table("Table 2.1: one passage of 2000 cycles", columns, lines)
 
 
-def _radii(found: Tracking) -> Table:
+def _radii(found: PhamTracking) -> Table:
     lines = tuple(
         (
             f"{paper.measuring_m:.3f}",
@@ -184,7 +184,7 @@ def _scattered(found: Scattered) -> Table:
     return Table("Fig. 2.11: nodes anywhere", columns, lines)
 
 
-def _masters(found: Tracking) -> Table:
+def _masters(found: PhamTracking) -> Table:
     lines = tuple(
         (
             f"{joules:g}",
@@ -205,7 +205,7 @@ def _masters(found: Tracking) -> Table:
     return Table(f"Masters over 2000 cycles, alpha {pham_masters.ALPHA:g}", columns, lines)
 
 
-def _sharing(found: Tracking) -> Table:
+def _sharing(found: PhamTracking) -> Table:
     lines = tuple(
         (
             f"{one.margin:g}",

@@ -16,10 +16,10 @@ from trackfield.plotting.style import GREY, PALETTE, frame_map, new_figure
 from trackfield.types import Matrix, Vector
 
 if TYPE_CHECKING:
-    from trackfield.experiments.pham_tracking import Tracking
+    from trackfield.experiments.pham_tracking import PhamTracking
 
 
-def figures(found: Tracking) -> dict[str, Figure]:
+def figures(found: PhamTracking) -> dict[str, Figure]:
     """Draw all figures, by file name without its suffix."""
     t_s = found.way.t_s
     uniform = np.array([row.cycle_mw for row in found.rows])
@@ -35,7 +35,7 @@ def figures(found: Tracking) -> dict[str, Figure]:
     }
 
 
-def _field(found: Tracking) -> Figure:
+def _field(found: PhamTracking) -> Figure:
     figure = new_figure(5.6, 5.2)
     axes = figure.add_subplot()
     axes.plot(*found.nodes.T, ".", color=GREY, markersize=3, label="nodes")

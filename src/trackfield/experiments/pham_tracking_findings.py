@@ -10,10 +10,10 @@ from trackfield.experiments.pham_sweeps import Sweep
 from trackfield.experiments.pham_table21 import PRINTED, Found
 
 if TYPE_CHECKING:
-    from trackfield.experiments.pham_tracking import Tracking
+    from trackfield.experiments.pham_tracking import PhamTracking
 
 
-def findings(found: Tracking) -> tuple[str, ...]:
+def findings(found: PhamTracking) -> tuple[str, ...]:
     """Say what the tables come to, and what could not be recovered from the paper."""
     rows = found.rows
     power = max(

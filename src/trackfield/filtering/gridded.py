@@ -35,7 +35,7 @@ class Doubt(NamedTuple):
     deaf: float = 0.02
 
 
-class Heard(NamedTuple):
+class Answers(NamedTuple):
     """Ranges `z` (m,) [m] from `sensors` (m, 2) [m], and the `silent` ones (k, 2) [m]."""
 
     sensors: Matrix
@@ -45,7 +45,7 @@ class Heard(NamedTuple):
 
 def update(
     prior: Gaussian,
-    heard: Heard,
+    heard: Answers,
     *,
     models: RangeModel,
     doubt: Doubt = Doubt(),  # noqa: B008 (immutable)
@@ -79,7 +79,7 @@ def update(
     return _carried(prior, centre, spread + cell @ cell.T / 12.0)
 
 
-def _log_likelihood(places: Matrix, heard: Heard, models: RangeModel, doubt: Doubt) -> Vector:
+def _log_likelihood(places: Matrix, heard: Answers, models: RangeModel, doubt: Doubt) -> Vector:
     r = distance(heard.sensors, places)
     misfit2 = (heard.z - expected(models, r)) ** 2 / variance(models, r)
     inside = distance(heard.silent, places) <= models.max_range_m

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from trackfield.errors import ConfigurationError
 from trackfield.filtering import gridded, second_order
-from trackfield.filtering.gridded import Doubt, Heard
+from trackfield.filtering.gridded import Doubt, Answers
 from trackfield.linalg import gate
 from trackfield.raster import Region
 from trackfield.scheduling import search_net
@@ -182,7 +182,7 @@ def hear(
     mean, covariance = (part.copy() for part in updated.posterior)
     for run in np.flatnonzero(doubted):
         prior = Gaussian(predicted.belief.mean[run], predicted.belief.covariance[run])
-        told = Heard(at[run, heard[run]], z[run, heard[run]], at[run, asked[run] & ~heard[run]])
+        told = Answers(at[run, heard[run]], z[run, heard[run]], at[run, asked[run] & ~heard[run]])
         mean[run], covariance[run] = _weighed(prior, told, service)
     unheard = doubted & ~heard.any(axis=1)
     state = State(Gaussian(mean, covariance), np.where(unheard, predicted.missed + 1, 0))
@@ -190,7 +190,7 @@ def hear(
     return state, Info(trace <= service.bound_m2, doubted, updated.distance2)
 
 
-def _weighed(prior: Gaussian, told: Heard, service: Service) -> Gaussian:
+def _weighed(prior: Gaussian, told: Answers, service: Service) -> Gaussian:
     belief = gridded.update(
         prior, told, models=service.models, doubt=service.doubt, field=service.field
     )
