@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from trackfield.filtering import extended, gridded
-from trackfield.filtering.gridded import Doubt, Answers
+from trackfield.filtering.gridded import Answers, Doubt
 from trackfield.raster import Region
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackfield.cli.answers import Answer
+from trackfield.cli.plan_map import region_of
 from trackfield.cli.plan_point import numbers_of
 from trackfield.errors import ConfigurationError
 from trackfield.experiments.results import Table
@@ -82,6 +83,7 @@ def _mission(site: Site) -> Mission:
     from trackfield.scheduling.obstacles import Obstacles
     from trackfield.scheduling.robot import Link
     from trackfield.scheduling.robot_car import Car
+    from trackfield.scheduling.robot_horizon import Horizon
     from trackfield.scheduling.robot_plan import Mission
     from trackfield.scheduling.robot_vehicle import Vehicle
 
@@ -112,6 +114,7 @@ def _mission(site: Site) -> Mission:
     return Mission(
         Link(comm, sensing, robot.error_m),
         Vehicle(robot.max_speed_m_s, car=car, obstacles=obstacles),
+        Horizon(region=region_of(site)),
     )
 
 

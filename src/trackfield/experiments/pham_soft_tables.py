@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackfield.experiments import results
 from trackfield.experiments.pham_soft_paths import SIGMA_M, SPEED_M_S
 from trackfield.experiments.pham_soft_runs import BATTERY, REACH_M
-from trackfield.experiments.results import Table
 from trackfield.types import Vector
 
 if TYPE_CHECKING:
     from trackfield.experiments.pham_soft import Point, Soft
 
 
-def tables(found: Soft) -> tuple[Table, ...]:
+def tables(found: Soft) -> tuple[results.Table, ...]:
     """Bars at B = 3, lives, all settings, and targets that turn."""
     return (_bars(found), _lives(found), _grid(found), _turning(found))
 
@@ -50,7 +50,7 @@ def findings(found: Soft) -> tuple[str, ...]:
     return tuple(told)
 
 
-def _bars(found: Soft) -> Table:
+def _bars(found: Soft) -> results.Table:
     rows: list[tuple[str, ...]] = []
     for kind, ours in found.judged.items():
         hard = found.hard[kind]
@@ -78,10 +78,10 @@ def _bars(found: Soft) -> Table:
     )
     passes = found.size.judged
     title = f"Soft bound, B 3, q/s .6: {found.size.fields} fields, {passes} passes"
-    return Table(title, columns, tuple(rows))
+    return results.Table(title, columns, tuple(rows))
 
 
-def _lives(found: Soft) -> Table:
+def _lives(found: Soft) -> results.Table:
     rows = tuple(
         (
             kind,
@@ -92,25 +92,27 @@ def _lives(found: Soft) -> Table:
         for kind, lives in found.lives.items()
     )
     columns = ("paths", "soft", "hard", "geometry alone", "soft/geometry", "soft/hard")
-    return Table("First empty node [intervals], mean (least to most)", columns, rows)
+    return results.Table("First empty node [intervals], mean (least to most)", columns, rows)
 
 
-def _grid(found: Soft) -> Table:
+def _grid(found: Soft) -> results.Table:
     rows = tuple(
         (f"{p.bound:g}", f"{p.agility:g}", *_cells(p), f"{p.soft.rmse / p.hard.rmse:.2f}")
         for p in found.grid
     )
     columns = ("B", "q/s", "failed", "sensors", "RMSE", "NEES", "inside 95 %", "RMSE over hard")
-    return Table("Soft bound by B and q/s: wandering targets, full batteries", columns, rows)
+    return results.Table(
+        "Soft bound by B and q/s: wandering targets, full batteries", columns, rows
+    )
 
 
-def _turning(found: Soft) -> Table:
+def _turning(found: Soft) -> results.Table:
     rows = tuple(
         (f"{p.agility:g}", *_cells(p), f"{p.hard.rmse:.2f}", f"{p.hard.nees:.2f}")
         for p in found.turning
     )
     columns = ("q/s", "failed", "sensors", "RMSE", "NEES", "inside 95 %", "hard RMSE", "hard NEES")
-    return Table("Targets that turn, B 3, by what the filter allows for", columns, rows)
+    return results.Table("Targets that turn, B 3, by what the filter allows for", columns, rows)
 
 
 def _cells(point: Point) -> tuple[str, ...]:

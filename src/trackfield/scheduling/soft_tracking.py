@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from trackfield.errors import ConfigurationError
 from trackfield.filtering import gridded, second_order
-from trackfield.filtering.gridded import Doubt, Answers
+from trackfield.filtering.gridded import Answers, Doubt
 from trackfield.linalg import gate
 from trackfield.raster import Region
 from trackfield.scheduling import search_net
