@@ -136,7 +136,9 @@ def _matching(allowed: NDArray[np.bool_]) -> Indices:
 
 
 def _pairs(allowed: NDArray[np.bool_]) -> int:
-    return int(np.count_nonzero(_matching(allowed) >= 0)) if allowed.size else 0
+    if not allowed.size or allowed.all():
+        return min(allowed.shape)
+    return int(np.count_nonzero(_matching(allowed) >= 0))
 
 
 def _threshold(c: Matrix, allowed: NDArray[np.bool_], most: int) -> float:
@@ -155,7 +157,7 @@ def _threshold(c: Matrix, allowed: NDArray[np.bool_], most: int) -> float:
     def enough(place: int) -> bool:
         return _pairs(open_ <= values[place]) == most
 
-    first, last, stride = 0, 0, 1
+    first, last, stride = 0, 0, most
     while last < values.size - 1 and not enough(last):
         first, last, stride = last + 1, min(last + stride, values.size - 1), 2 * stride
     while first < last:

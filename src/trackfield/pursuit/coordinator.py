@@ -185,17 +185,21 @@ class Coordinator:
         """Aim at evaders in doubt, or at the corner of the way around that comes first."""
         own, n = self.settings, len(places)
         aims = Aims(np.full((n, 4), np.nan), np.zeros((n, 4)), np.zeros(n))
-        doubt = own.doubt_sigmas * np.sqrt(field.variance)
-        pace = 0.5 * (1.0 if self.body is None else self.body.reserve_m_s2)
-        for i in np.flatnonzero(evader >= 0):
-            j = int(evader[i])
-            aims.state[i] = evader_state = field.state[j]
-            if self.planned.parts:
-                aim = leg(places[i, :2], evader_state, costs[i, j], self.planned, pace)
-                top = math.inf if self.body is None else self.body.speed_m_s
+        busy = np.flatnonzero(evader >= 0)
+        chased = evader[busy]
+        aims.state[busy] = field.state[chased]
+        aims.doubt[busy] = own.doubt_sigmas * np.sqrt(field.variance[chased])
+        aims.thrust_m_s2[busy] = 2.0 * own.evader_accel_m_s2
+        if not self.planned.parts:
+            return aims
+        pace, top = 0.5, np.inf
+        if self.body is not None:
+            pace, top = 0.5 * self.body.reserve_m_s2, self.body.speed_m_s
+        for i, j in zip(busy.tolist(), chased.tolist(), strict=True):
+            aim = leg(places[i, :2], field.state[j], float(costs[i, j]), self.planned, pace)
+            if (aim != field.state[j]).any():  # a corner: it is where it is
                 aims.state[i] = np.append(aim[:2], np.clip(aim[2:], -top, top))
-            if (aims.state[i] == evader_state).all():
-                aims.doubt[i], aims.thrust_m_s2[i] = doubt[j], 2.0 * own.evader_accel_m_s2
+                aims.doubt[i], aims.thrust_m_s2[i] = 0.0, 0.0
         return aims
 
 

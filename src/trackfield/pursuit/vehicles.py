@@ -76,19 +76,20 @@ class Thruster:
         r^2 = xidot^2 / 2 + U |xi|, measured along a. Where the pursuer may only be faster than the
         evader by c < r, it goes on at c until (2 c^2 - xidot^2) / 2 U remain; never if c <= 0.
         """
-        x, v = states[:, None, :2] - evaders[:, :2], states[:, None, 2:] - evaders[:, 2:]
+        own, other = states.T[:, :, None], evaders.T[:, None]  # axes first: long inner loops
+        x, v = own[:2] - other[:2], own[2:] - other[2:]
         U = self.thrust_m_s2
         way = np.where(2.0 * U * x + v * np.abs(v) >= 0.0, -1.0, 1.0)  # of the first thrust
         x, v = -way * x, way * v  # what is left to go, and how fast it goes
         peak = np.sqrt(np.maximum(0.5 * v**2 + U * x, 0.0))
         time = (2.0 * peak - v) / U
         if math.isfinite(self.speed_m_s):
-            cap = self.speed_m_s - way * evaders[:, 2:]
+            cap = self.speed_m_s - way * other[2:]
             safe = np.where(cap > 0.0, cap, 1.0)
             coasting = (2.0 * safe - v) / U + (x - (safe**2 - 0.5 * v**2) / U) / safe
             time = np.where(cap < peak, np.where(cap > 0.0, coasting, np.inf), time)
-            time[:, (np.abs(evaders[:, 2:]) > self.speed_m_s).any(axis=1)] = np.inf
-        return np.maximum(time, 0.0).max(axis=-1)
+            time[:, :, (np.abs(evaders[:, 2:]) > self.speed_m_s).any(axis=1)] = np.inf
+        return np.maximum(time, 0.0).max(axis=0)
 
     def commands(self, states: Matrix, aims: Aims, *, step_s: float) -> Matrix:
         """Thrust of the least worst time, Oh (23); of least time where nothing is in doubt.
