@@ -61,7 +61,8 @@ def test_the_sensors_leave_the_least_trace_of_all_sets_of_the_nearest(seed):
     }
     assert found.trace_m2 == pytest.approx(min(traces.values()), rel=1e-9)
     assert traces[tuple(sorted(found.sensors.tolist()))] == pytest.approx(found.trace_m2)
-    assert (found.late, found.trouble) == (0, ())
+    assert found.late == 0
+    assert all("in one line" in one for one in found.trouble)  # the prior may make that the best
 
 
 @examples(max_examples=20)
