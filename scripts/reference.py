@@ -35,6 +35,7 @@ ROOMS = (
     "association",
     "hierarchy",
     "scheduling",
+    "robot",
     "pursuit",
     "motion",
     "linalg",

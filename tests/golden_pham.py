@@ -10,7 +10,9 @@ import numpy as np
 from trackfield.localization.information import reading_gains
 from trackfield.network.energy import Energy, network_power
 from trackfield.network.node_index import NodeIndex
-from trackfield.scheduling import master, paper_selection, robot, robot_car, uncertainty
+from trackfield.robot import car as robot_car
+from trackfield.robot import rule as robot
+from trackfield.scheduling import master, paper_selection, uncertainty
 from trackfield.scheduling.activation import Zone, activate
 from trackfield.scheduling.cost import energy_cost, exponential, inverse, linear
 from trackfield.scheduling.lifetime_search import rank_order

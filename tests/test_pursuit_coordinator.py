@@ -18,8 +18,8 @@ from trackfield.pursuit.separation import Body
 from trackfield.pursuit.settings import PursuitSettings
 from trackfield.pursuit.vehicles import Runner, Thruster
 from trackfield.pursuit.wheeled import Wheels
-from trackfield.scheduling.obstacles import Obstacles
-from trackfield.scheduling.robot_car import Car
+from trackfield.robot.car import Car
+from trackfield.robot.obstacles import Obstacles
 from trackfield.types import Status
 
 STEP = 0.5

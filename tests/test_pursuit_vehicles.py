@@ -9,7 +9,7 @@ from trackfield.errors import ConfigurationError
 from trackfield.pursuit.steering import time_to_capture
 from trackfield.pursuit.vehicles import Aims, Runner, Thruster, certain
 from trackfield.pursuit.wheeled import Wheels
-from trackfield.scheduling.robot_car import Car
+from trackfield.robot.car import Car
 
 STEP = 0.5
 PLACES = st.floats(-20.0, 20.0)

@@ -10,6 +10,8 @@ The flow, in the order of the rooms:
     association   which report belongs to which target, where none is named
     hierarchy     tracking groups side by side: hand-over, fusion of their tracks
     scheduling    who senses next, so that the network lasts; tracks in, commands out
+    robot         follows a target within a hop of those that sense it; obstacles
+    pursuit       who chases whom, and how; tracks in, orders out
     pipeline      the stages joined: process / snapshot / restore
     calibration   a run with truth -> the sensors' models
     metrics       tracks against truth

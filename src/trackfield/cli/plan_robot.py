@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from trackfield.network.site import Site
-    from trackfield.scheduling.robot import Link
-    from trackfield.scheduling.robot_plan import Mission, Plan
+    from trackfield.robot.plan import Mission, Plan
+    from trackfield.robot.rule import Link
     from trackfield.types import Matrix, Vector
 
 
 def answer(site: Site, truth: Path, *, start: str | None, target: str | None) -> Answer:
     """Lead the site's robot after a target of TRUTH, from `start` or where it is first seen."""
-    from trackfield.scheduling.robot_plan import plan
+    from trackfield.robot.plan import plan
 
     t_s, track, name = _track(truth, target)
     begin = track[0] if start is None else numbers_of("--start", start, 2)
@@ -80,12 +80,12 @@ def _track(truth: Path, target: str | None) -> tuple[Vector, Matrix, str]:
 
 def _mission(site: Site) -> Mission:
     from trackfield.localization.mixed_models import mixed, reach
-    from trackfield.scheduling.obstacles import Obstacles
-    from trackfield.scheduling.robot import Link
-    from trackfield.scheduling.robot_car import Car
-    from trackfield.scheduling.robot_horizon import Horizon
-    from trackfield.scheduling.robot_plan import Mission
-    from trackfield.scheduling.robot_vehicle import Vehicle
+    from trackfield.robot.car import Car
+    from trackfield.robot.horizon import Horizon
+    from trackfield.robot.obstacles import Obstacles
+    from trackfield.robot.plan import Mission
+    from trackfield.robot.rule import Link
+    from trackfield.robot.vehicle import Vehicle
 
     robot = site.robot
     comm = robot.comm_m or (site.network.hop_m if site.network is not None else None)
@@ -122,7 +122,7 @@ def _to_sink(site: Site, found: Plan) -> dict[str, Any] | None:
     """Hops from the robot to the nearest leader of a group, over the nodes; None without any."""
     if site.network is None or not site.groups:
         return None
-    from trackfield.scheduling.robot_sink import relays, route
+    from trackfield.robot.sink import relays, route
 
     places = found.path.place
     least: Vector = np.full(len(places), np.inf)

@@ -22,7 +22,7 @@ from trackfield.experiments.pham_robot_paths import (
     without_period,
 )
 from trackfield.experiments.results import Table
-from trackfield.scheduling.robot_sink import (
+from trackfield.robot.sink import (
     Traffic,
     master_traffic,
     relays,

@@ -14,7 +14,7 @@ from trackfield.experiments.pham_robot_loop import ERROR_M, Loop, Setting
 from trackfield.experiments.pham_robot_paths import SENSING_M
 from trackfield.plotting.robots import Chase, draw_chase
 from trackfield.plotting.style import GREY, PALETTE, new_figure
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot.optimum import shortest_tour
 
 if TYPE_CHECKING:
     from trackfield.experiments.pham_robot import PhamRobot

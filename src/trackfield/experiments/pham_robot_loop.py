@@ -14,10 +14,10 @@ from trackfield.filtering.extended import Ranges
 from trackfield.localization import trilateration
 from trackfield.localization.information import reading_gains
 from trackfield.motion import ConstantVelocity
-from trackfield.scheduling import robot_horizon
-from trackfield.scheduling.robot import Link, least_move
-from trackfield.scheduling.robot_horizon import Horizon
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot import horizon as robot_horizon
+from trackfield.robot.horizon import Horizon
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import Link, least_move
 from trackfield.scheduling.selection import select
 from trackfield.sensing.range import RangeModel, distance, simulate
 from trackfield.types import Gaussian, Indices, Matrix, Vector

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.raster import Region
-from trackfield.scheduling.robot import Link, path_length, rule_path
-from trackfield.scheduling.robot_horizon import Horizon, horizon_path
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot.horizon import Horizon, horizon_path
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import Link, path_length, rule_path
 from trackfield.types import Matrix
 
 FIELD = Region(0.0, 0.0, 10.0, 10.0)

@@ -23,7 +23,7 @@ from trackfield.pursuit.detours import delayed, leg
 from trackfield.pursuit.separation import Body, Fleet
 from trackfield.pursuit.settings import PursuitSettings
 from trackfield.pursuit.vehicles import Aims, Thruster, Vehicle
-from trackfield.scheduling.obstacles import Obstacles
+from trackfield.robot.obstacles import Obstacles
 from trackfield.types import Indices, Matrix, Tracks, Vector
 
 _ROOM = 1.25  # times the clearance: so far from obstacles are ways around them planned

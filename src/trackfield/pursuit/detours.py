@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from trackfield.scheduling.obstacles import Obstacles
+from trackfield.robot.obstacles import Obstacles
 from trackfield.types import Matrix, Vector
 
 _NEAR = 0.25  # of a way: how much nearer than the corner behind counts as being there

@@ -1,4 +1,4 @@
-"""Pursuers with wheels: the car of `scheduling.robot_car` as a vehicle of pursuit."""
+"""Pursuers with wheels: the car of `robot.car` as a vehicle of pursuit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackfield.pursuit.vehicles import Aims, Runner
-from trackfield.scheduling.robot_car import Car, legs_to, steer
+from trackfield.robot.car import Car, legs_to, steer
 from trackfield.types import Matrix, Vector
 
 _ROUNDS = 60

@@ -1,1 +1,1 @@
-"""Who senses next: geometry, selection, activation, lifetime, and the robot that follows."""
+"""Who senses next: geometry, selection, activation, lifetime, the closed loop."""

@@ -18,8 +18,8 @@ from trackfield.pursuit.separation import Body
 from trackfield.pursuit.settings import PursuitSettings
 from trackfield.pursuit.vehicles import Runner, Thruster, Vehicle
 from trackfield.pursuit.wheeled import Wheels
-from trackfield.scheduling.obstacles import Obstacles
-from trackfield.scheduling.robot_car import Car
+from trackfield.robot.car import Car
+from trackfield.robot.obstacles import Obstacles
 from trackfield.simulation.evaders import Evaders, Present
 from trackfield.simulation.hearing import Heard, Listening, hear_readings, hear_reports
 from trackfield.simulation.scenario import Pursuit as Rules

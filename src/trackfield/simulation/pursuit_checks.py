@@ -9,7 +9,7 @@ import numpy as np
 from trackfield.errors import ConfigurationError, InputError
 from trackfield.pursuit import separation
 from trackfield.pursuit.separation import Body, Fleet
-from trackfield.scheduling.obstacles import Obstacles
+from trackfield.robot.obstacles import Obstacles
 from trackfield.simulation.game import starts, vehicle_of
 from trackfield.simulation.scenario import Pursuit, Scenario
 

@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose
 
 from robot_tracks import FIELD, sinusoid
 from trackfield.errors import InputError
-from trackfield.scheduling.obstacles import Obstacles
-from trackfield.scheduling.robot import Link, path_length, rule_path
-from trackfield.scheduling.robot_car import Car
-from trackfield.scheduling.robot_horizon import Horizon, horizon_path
-from trackfield.scheduling.robot_plan import Mission, needed_speed, plan
-from trackfield.scheduling.robot_vehicle import Disc, Vehicle, move
+from trackfield.robot.car import Car
+from trackfield.robot.horizon import Horizon, horizon_path
+from trackfield.robot.obstacles import Obstacles
+from trackfield.robot.plan import Mission, needed_speed, plan
+from trackfield.robot.rule import Link, path_length, rule_path
+from trackfield.robot.vehicle import Disc, Vehicle, move
 
 LINK = Link(2.5, 1.4)
 TRACK = sinusoid(64, 2.0, 2.5)

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 from trackfield.errors import InputError
-from trackfield.scheduling import robot
-from trackfield.scheduling.robot_car import Car, follow_legs, legs_to, moved, steer
+from trackfield.robot import rule as robot
+from trackfield.robot.car import Car, follow_legs, legs_to, moved, steer
 
 PLACES = st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)).map(np.array)
 CAR = Car(max_speed_m_s=1.5, max_steering_rad=0.5, wheel_base_m=0.4)

@@ -17,7 +17,7 @@ from scipy.sparse import csgraph
 
 from trackfield._core import _clipping
 from trackfield.errors import InputError
-from trackfield.scheduling.convex_parts import Part, grown, parts_of
+from trackfield.robot.convex_parts import Part, grown, parts_of
 from trackfield.types import Matrix, Vector
 
 _SLACK = 1e-9  # of the size of all: what touches a border does not run through

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.scheduling import robot_waves as waves
-from trackfield.scheduling.robot_waves import Waves
+from trackfield.robot import waves
+from trackfield.robot.waves import Waves
 from trackfield.types import Matrix, Vector
 
 KEPT = 128  # samples; when they are so many every other one goes

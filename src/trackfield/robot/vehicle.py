@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.errors import InputError
-from trackfield.scheduling.obstacle_discs import way_into_disc
-from trackfield.scheduling.obstacles import Obstacles
-from trackfield.scheduling.robot import least_move
-from trackfield.scheduling.robot_car import Car, follow_legs, legs_to
+from trackfield.robot.car import Car, follow_legs, legs_to
+from trackfield.robot.obstacle_discs import way_into_disc
+from trackfield.robot.obstacles import Obstacles
+from trackfield.robot.rule import least_move
 from trackfield.types import Matrix, Vector
 
 _PARTS = 32  # of a car's step: it stops at the first one that is in the disc, or before an obstacle

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from test_scheduling_obstacles import HOOK, SQUARE, scene
-from trackfield.scheduling.obstacle_discs import way_into_disc
-from trackfield.scheduling.obstacles import Obstacles
-from trackfield.scheduling.robot import least_move
+from test_robot_obstacles import HOOK, SQUARE, scene
+from trackfield.robot.obstacle_discs import way_into_disc
+from trackfield.robot.obstacles import Obstacles
+from trackfield.robot.rule import least_move
 
 
 def test_in_a_free_plane_it_is_the_rule():

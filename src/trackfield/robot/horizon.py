@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trackfield.raster import Region
-from trackfield.scheduling import robot_forecast
-from trackfield.scheduling.robot import checked_track, least_move
-from trackfield.scheduling.robot_forecast import Foresight, Memory
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot import forecast as robot_forecast
+from trackfield.robot.forecast import Foresight, Memory
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import checked_track, least_move
 from trackfield.types import Matrix, Vector
 
 _GAP = 1e-3  # of the tour, to its bound: only its first leg is walked

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trackfield.errors import InputError
-from trackfield.scheduling.robot_sink import (
+from trackfield.robot.sink import (
     DIRECT,
     master_traffic,
     relays,

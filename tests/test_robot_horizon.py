@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from robot_tracks import FIELD, NON_PERIODIC, sinusoid, wander
-from trackfield.scheduling import robot_forecast, robot_waves
-from trackfield.scheduling.robot import beyond, path_length, rule_path
-from trackfield.scheduling.robot_forecast import Foresight
-from trackfield.scheduling.robot_horizon import Horizon, arrive, begin, horizon_path, step
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot import forecast as robot_forecast
+from trackfield.robot import waves as robot_waves
+from trackfield.robot.forecast import Foresight
+from trackfield.robot.horizon import Horizon, arrive, begin, horizon_path, step
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import beyond, path_length, rule_path
 
 OVER_FIELD = Horizon(region=FIELD)
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 from trackfield.errors import InputError
-from trackfield.scheduling.robot import path_length, rule_path
-from trackfield.scheduling.robot_optimum import shortest_tour
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import path_length, rule_path
 
 
 def tracks(seed, n):

@@ -14,7 +14,7 @@ import numpy as np
 
 from trackfield._core import _touring
 from trackfield.errors import InputError
-from trackfield.scheduling.robot import checked_track
+from trackfield.robot.rule import checked_track
 from trackfield.types import Matrix, Vector
 
 _STEPS = 400  # of Newton's method; 40 to 90 are usual

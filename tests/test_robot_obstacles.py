@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from trackfield.errors import InputError
-from trackfield.scheduling.convex_parts import grown, parts_of
-from trackfield.scheduling.obstacles import Obstacles
+from trackfield.robot.convex_parts import grown, parts_of
+from trackfield.robot.obstacles import Obstacles
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
 HOOK = np.array([[0, 0], [5, 0], [5, 4], [0, 4], [0, 3], [4, 3], [4, 1], [0, 1.0]])

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.errors import InputError
-from trackfield.scheduling import robot_horizon
-from trackfield.scheduling.robot import Link, beyond, checked_track, least_move
-from trackfield.scheduling.robot_horizon import Horizon
-from trackfield.scheduling.robot_optimum import shortest_tour
-from trackfield.scheduling.robot_vehicle import Disc, Vehicle, move
+from trackfield.robot import horizon as robot_horizon
+from trackfield.robot.horizon import Horizon
+from trackfield.robot.optimum import shortest_tour
+from trackfield.robot.rule import Link, beyond, checked_track, least_move
+from trackfield.robot.vehicle import Disc, Vehicle, move
 from trackfield.types import Matrix, Vector
 
 _CAR_MARGIN = 0.25  # of the reach at most: a car starts to turn before it must be there

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.scheduling.obstacles import Obstacles, Way
+from trackfield.robot.obstacles import Obstacles, Way
 from trackfield.types import Matrix, Vector
 
 _INWARDS = 1e-12  # of the radius: an entry is in the disc, rounded or not
