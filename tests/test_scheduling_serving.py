@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scheduling_fields import MODEL, able, field, positions
 from trackfield.network.site import SchedulingSettings
 from trackfield.scheduling.serving import choose, sensors_of
+from trackfield.scheduling.soft_bound import Care
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian
@@ -104,7 +105,7 @@ def test_soft_takes_no_sensor_more_than_its_bound_needs(seed, share):
             ).trace()
             for s in combinations(pool, k)
         )
-    enough = [k for k in range(4) if least[k] <= 0.85 * bound]
+    enough = [k for k in range(4) if least[k] <= Care().aim * bound]
     assert found.sensors.size == (min(enough) if enough else 3)
     if not enough:
         assert found.trace_m2 == pytest.approx(least[3])
