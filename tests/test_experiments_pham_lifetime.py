@@ -35,9 +35,9 @@ def test_nobody_passes_the_bounds(found):
 
 
 def test_what_is_found_is_told_and_drawn(found):
-    counts, lives = tables(found)
+    _, counts, lives = tables(found)
     assert len(counts.rows) == 5
     assert lives.rows[-1][0] == "nobody beyond"
     assert all(len(row) == len(lives.columns) for row in lives.rows)
     assert "Theorem 5.1 is false" in " ".join(findings(found))
-    assert set(figures(found)) == {"fig5_2", "fig5_3", "fig5_5", "lifetimes"}
+    assert set(figures(found)) == {"fig5_2", "fig5_3", "fig5_4", "fig5_5", "lifetimes"}

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from trackfield.experiments import pham_start
+from trackfield.experiments.pham_start import StartResult
 from trackfield.experiments.results import Table, mean_interval
 from trackfield.scheduling.chains import eliminate_collinear
 from trackfield.scheduling.clairvoyant import first_death_bound, service_bound
@@ -73,6 +75,7 @@ class LifetimeResult(NamedTuple):
     elimination: Elimination
     ranks: Ranks
     lives: Lives
+    started: StartResult
     rng: np.random.Generator
 
 
@@ -85,6 +88,9 @@ def run(rng: np.random.Generator, *, quick: bool = False) -> LifetimeResult:
         _elimination(sensors, rng, steps=60 if quick else 400),
         _ranks(rng, draws=40 if quick else 400),
         _lives(fields=1 if quick else 2, passes=24 if quick else 200),
+        pham_start.start(
+            sensors, rng.spawn(1)[0], runs=4 if quick else 16, cycles=400 if quick else 2000
+        ),
         rng,
     )
 
@@ -102,7 +108,7 @@ def crossings(rng: np.random.Generator, count: int) -> Matrix:
 
 
 def tables(found: LifetimeResult) -> tuple[Table, ...]:
-    """Tables of Fig. 5.5 and of lifetimes."""
+    """Tables of Figs. 5.4 and 5.5, and of lifetimes."""
     e, lives = found.elimination, found.lives
     rows = tuple(
         (what, paper, f"{values.mean():.1f}")
@@ -125,6 +131,7 @@ def tables(found: LifetimeResult) -> tuple[Table, ...]:
     columns = ("policy", "first death", "over geometry", "of the bound", "failed intervals")
     title = f"First node death of {lives.death_bound.size} fields [intervals of {lives.intervals}]"
     return (
+        pham_start.table(found.started),
         Table("Fig. 5.5: collinear elimination, means", ("", "paper", "here"), rows),
         Table(title, columns, (*lived, bound)),
     )
@@ -149,12 +156,12 @@ def findings(found: LifetimeResult) -> tuple[str, ...]:
         "that nobody can pass who knows all passes beforehand.",
         "First deaths over geometry alone hang on how often targets come to the same places, which "
         "the paper does not say; shares of the bound do not.",
-        "Fig. 5.4's filter is that of chapter 2; the numbers behind its curves are not printed.",
+        *pham_start.findings(found.started),
     )
 
 
 def figures(found: LifetimeResult) -> dict[str, Figure]:
-    """Draw Figs. 5.2, 5.3, 5.5 and the lifetimes, by file name without its suffix."""
+    """Draw Figs. 5.2-5.5 and the lifetimes, by file name without its suffix."""
     from trackfield.experiments.pham_lifetime_figures import figures as drawn
 
     return drawn(found)

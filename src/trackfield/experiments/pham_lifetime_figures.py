@@ -1,4 +1,4 @@
-"""Figs. 5.2, 5.3 and 5.5 of Pham's dissertation, and lifetimes by policy."""
+"""Figs. 5.2-5.5 of Pham's dissertation, and lifetimes by policy."""
 
 # Matplotlib's own types leave keyword arguments unknown.
 # pyright: reportUnknownMemberType=false
@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from trackfield.experiments.pham_start import ALONE, OURS, PAPER_SETTLE_S, SURE
 from trackfield.plotting.style import GREY, PALETTE, frame_map, new_figure
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def figures(found: LifetimeResult) -> dict[str, Figure]:
     return {
         "fig5_2": _fig52(found),
         "fig5_3": _fig53(found),
+        "fig5_4": _fig54(found),
         "fig5_5": _fig55(found),
         "lifetimes": _lifetimes(found),
     }
@@ -48,6 +50,31 @@ def _fig53(found: LifetimeResult) -> Figure:
     axes.plot(*c.target[:, None], "*", color="k", markersize=12)
     axes.legend(fontsize=8)
     frame_map(axes, "Fig. 5.3: who senses")
+    return figure
+
+
+def _fig54(found: LifetimeResult) -> Figure:
+    s = found.started
+    figure = new_figure(10.0, 4.2)
+    whole, begin = figure.subplots(1, 2)
+    lines = (
+        (s.sharpest.errors[ALONE], PALETTE[2], ":", "trilateration alone"),
+        (s.cheapest.errors[SURE], PALETTE[1], "--", "Pham's filter, least cost"),
+        (s.sharpest.errors[SURE], "black", "-", "Pham's filter, least trace"),
+        (s.sharpest.errors[OURS], PALETTE[0], "-.", "ours, least trace"),
+    )
+    for errors, colour, style, name in lines:
+        whole.plot(s.t_s, s.x + errors[0], style, color=colour, linewidth=1.2, label=name)
+        rms = np.sqrt(np.mean(errors**2, axis=0))
+        begin.plot(s.t_s, rms, style, color=colour, linewidth=1.2)
+    begin.axvline(PAPER_SETTLE_S, color=GREY, linewidth=1)
+    begin.annotate("paper", (PAPER_SETTLE_S, 1.0), textcoords="offset points", xytext=(4, 0))
+    whole.set(xlabel="t [s]", ylabel="x [m]", title="Fig. 5.4: one run", ylim=(-1.0, 11.0))
+    whole.legend(fontsize=8)
+    begin.set(xlabel="t [s]", ylabel="RMS error along x [m]", yscale="log", xlim=(0.0, 1.0))
+    begin.set(title=f"the first second, {len(lines[0][0])} runs", ylim=(0.005, 5.0))
+    for axes in (whole, begin):
+        axes.grid(color="0.92")
     return figure
 
 

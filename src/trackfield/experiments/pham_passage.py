@@ -148,17 +148,22 @@ def trilaterate(who: Hearing, ranges: Matrix, *, sigma_m: float) -> Fixes:
 
 
 def along_x(
-    fixes: Matrix, variance: Matrix, *, start: Gaussian, begins: Heard | None = None
+    fixes: Matrix,
+    variance: Matrix,
+    *,
+    start: Gaussian,
+    begins: Heard | None = None,
+    state_sigma: float = STATE_SIGMA,
 ) -> Matrix:
     """Pham's filter (2.32): coordinates (..., k) [m] of a state [x, v] that fixes correct.
 
     `fixes` (..., k) [m], NaN where there is none, with `variance` (..., k) [m^2]. As printed,
-    x_{k+1} = F x_k + w with w ~ N(0, .01^2 I): an error a cycle in position [m] and velocity [m/s]
-    both. In cycles of `begins` (k,) the filter begins anew from `start`, as a master does that is
-    told nothing.
+    x_{k+1} = F x_k + w with w ~ N(0, s^2 I), s = `state_sigma`: an error a cycle in position [m]
+    and velocity [m/s] both. In cycles of `begins` (k,) the filter begins anew from `start`, as a
+    master does that is told nothing.
     """
     F = np.array([[1.0, CYCLE_S], [0.0, 1.0]])
-    Q = STATE_SIGMA**2 * np.eye(2)
+    Q = state_sigma**2 * np.eye(2)
     H = np.array([[1.0, 0.0]])
     first = _of_runs(start, fixes.shape[:-1])
     belief, x = first, np.empty_like(fixes)
