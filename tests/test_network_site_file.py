@@ -249,7 +249,10 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
         ),
         (
             "[models.m]\nkind = 'detection'\npolygon = [[0, 0], [1, 'a'], [1]]",
-            ["models.m.polygon: found a list, expected at least three corners [x, y] in metres"],
+            [
+                "models.m.polygon: found a list, expected at least three corners [x, y] in "
+                "metres from -1e9 to 1e9"
+            ],
         ),
         (
             "[models.m]\nkind = 'detection'\npolygon = [[0, 0], [1, 0]]",

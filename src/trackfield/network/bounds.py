@@ -18,7 +18,13 @@ _NOT_NEGATIVE = Bound({"ge": 0.0}, "a finite number, 0 or more")
 _PROBABILITY = Bound({"ge": 0.0, "le": 1.0}, "a probability from 0 to 1")
 _CHANCE = Bound({"gt": 0.0, "le": 1.0}, "a probability above 0, up to 1")
 _DOUBT = Bound({"ge": 0.0, "lt": 1.0}, "a probability from 0 to below 1")
+FARTHEST_M = 1e9  # of a place from the origin: beyond, squares and differences lose all sense
+_PLACE = Bound({"ge": -FARTHEST_M, "le": FARTHEST_M}, "a finite number of metres, from -1e9 to 1e9")
 _BOUNDS = {
+    "x_m": _PLACE,
+    "y_m": _PLACE,
+    "z_m": _PLACE,
+    "height_m": _PLACE,
     "scale": Bound(
         {"gt": -0.5, "lt": 0.5},
         "a number between -0.5 and 0.5: what is added to a factor of 1 "
@@ -28,9 +34,10 @@ _BOUNDS = {
     "lon": Bound({"ge": -180.0, "le": 360.0}, "degrees from -180 to 360"),
     "heading_deg": Bound({"ge": -360.0, "le": 360.0}, "degrees from -360 to 360"),
     "width_deg": Bound({"gt": 0.0, "le": 360.0}, "degrees above 0, up to 360"),
-    "polygon": Bound({}, "at least three corners [x, y] in metres"),
+    "polygon": Bound({}, "at least three corners [x, y] in metres from -1e9 to 1e9"),
     "region": Bound(
-        {"min_length": 4, "max_length": 4}, "[x_min, y_min, x_max, y_max] in metres, min below max"
+        {"min_length": 4, "max_length": 4},
+        "[x_min, y_min, x_max, y_max] in metres from -1e9 to 1e9, min below max",
     ),
     "amplitude": _POSITIVE,
     "falloff": _POSITIVE,
@@ -63,7 +70,7 @@ _BOUNDS = {
     "window_s": _NOT_NEGATIVE,
     "scheduling.sensors": Bound({"ge": 1, "le": 1000}, "a whole number from 1 to 1000"),
     "bound_m2": _POSITIVE,
-    "interval_s": _POSITIVE,
+    "interval_s": Bound({"gt": 0.0, "le": 1e6}, "a number above 0, up to 1e6"),
     "burst": Bound({"ge": 1, "le": 10_000}, "a whole number from 1 to 10000"),
     "reach_m": _POSITIVE,
     "near": Bound({"ge": 1.0}, "a factor of 1 or more"),

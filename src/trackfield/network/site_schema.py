@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, cast, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from trackfield.network.bounds import bound
+from trackfield.network.bounds import FARTHEST_M, bound
 from trackfield.network.channel import Channel
 from trackfield.network.energy import Energy
 from trackfield.network.kinds import KINDS, Kind
@@ -31,11 +31,11 @@ from trackfield.network.site import (
 )
 from trackfield.raster import Region
 
-_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Place = Annotated[float, Field(allow_inf_nan=False, ge=-FARTHEST_M, le=FARTHEST_M)]
 _Name = Annotated[str, Field(min_length=1)]
-_Pair = Annotated[list[_Number], Field(min_length=2, max_length=2)]
+_Pair = Annotated[list[_Place], Field(min_length=2, max_length=2)]
 _LISTS: Mapping[object, Any] = {  # how a file writes what is a tuple inside
-    Region | None: list[_Number] | None,
+    Region | None: list[_Place] | None,
     tuple[tuple[float, float], ...]: list[_Pair],
 }
 
@@ -89,9 +89,9 @@ SENSOR = _section(
     "Sensor",
     {
         "sensor_id": (_Name, ...),
-        "x_m": (_Number, ...),
-        "y_m": (_Number, ...),
-        "z_m": (_Number | None, None),
+        "x_m": (_Place, ...),
+        "y_m": (_Place, ...),
+        "z_m": (_Place | None, None),
         "model": (_Name | None, None),
         "group": (_Name | None, None),
     },
