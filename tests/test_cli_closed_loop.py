@@ -142,3 +142,20 @@ def test_commands_of_unknown_targets(call, tmp_path):
     commands = read_commands(tmp_path / "c.parquet")
     assert done.json["scheduling"]["intervals"] > 25
     assert {int(mode) for mode in commands.mode} == {0, 1, 2, 3}
+
+
+def test_exhausted_nodes_spend_nothing_and_save_nothing(call, tmp_path):
+    (tmp_path / "s.toml").write_text(SHORT.replace("battery_j = 1000", "battery_j = 0.5"))
+    done = call("simulate", tmp_path / "s.toml", "-o", tmp_path / "out", "--json")
+    told = done.json["closed_loop"]
+    assert told["exhausted"] == 441
+    assert 0.0 <= told["above_sleep_j"] <= told["spent_j"] == pytest.approx(441 * 0.5)
+
+
+@pytest.mark.parametrize(("interval_s", "code"), [("1e300", 2), ("1e6", 0)])
+def test_an_interval_longer_than_the_run_is_one_interval(call, tmp_path, interval_s, code):
+    text = SHORT.replace("interval_s = 0.5", f"interval_s = {interval_s}")
+    (tmp_path / "s.toml").write_text(text.replace("duration_s = 30", "duration_s = 1e-4"))
+    done = call("simulate", tmp_path / "s.toml", "-o", tmp_path / "out")
+    assert done.code == code
+    assert code == 0 or "scheduling.interval_s: found 1e+300, expected a number" in done.err

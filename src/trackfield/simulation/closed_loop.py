@@ -58,8 +58,8 @@ class Outcome(NamedTuple):
     """What some intervals in closed loop came to.
 
     `tracked_s` is for how long targets were shown, or known so well that nobody was asked, all of
-    them added up; `spent_j` what the network spent [J], of which `above_sleep_j` above that
-    everybody sleeps; `in_mode_s` (4,) how long nodes were in each mode, all of them added up.
+    them added up; `spent_j` what the network spent [J], of which `above_sleep_j` by nodes above
+    their sleep, the exhausted nothing; `in_mode_s` (4,) how long nodes were in each mode, added up.
     `counts` tells changes of modes (`commands`), `handovers` of masters, nodes that woke `late`,
     tracks given up (`lost`), nodes `exhausted`; `troubles` what could not be had, each once.
     """
@@ -89,7 +89,7 @@ def closed_loop(
     commander, interval_s = Commander(site), site.scheduling.interval_s
     meter = meters.init(site.energy, site.sensor_ids)
     tracks = tracks_of(())
-    for k in range(math.ceil(duration_s / interval_s - 1e-9)):
+    for k in range(max(1, math.ceil(duration_s / interval_s - 1e-9))):
         from_s, to_s = k * interval_s, (k + 1) * interval_s
         commander.tell_energy(meter.residual_j / meter.battery_j)
         commands = commander.process(tracks, watermark_s=from_s)
@@ -127,7 +127,8 @@ def tallied(before: Outcome, turn: Turn, site: Site) -> Outcome:
     shown = turn.tracks.track[np.isin(turn.tracks.status, _SHOWN)].tolist()
     spared = [s.track for s in told.services if not (s.sensors.size or s.missed or s.trouble)]
     spent_j = float(turn.spent_j.sum())
-    asleep_j = 1e-3 * site.energy.sleep_mw * interval_s * len(site.sensor_ids)
+    asleep_j = 1e-3 * site.energy.sleep_mw * interval_s
+    above_j = float(np.maximum(turn.spent_j - asleep_j, 0.0).sum())
     here = {
         "commands": len(turn.commands),
         "handovers": told.handovers,
@@ -140,7 +141,7 @@ def tallied(before: Outcome, turn: Turn, site: Site) -> Outcome:
         duration_s=before.duration_s + interval_s,
         tracked_s=before.tracked_s + interval_s * len({*shown, *spared}),
         spent_j=before.spent_j + spent_j,
-        above_sleep_j=before.above_sleep_j + spent_j - asleep_j,
+        above_sleep_j=before.above_sleep_j + above_j,
         in_mode_s=before.in_mode_s + interval_s * np.bincount(told.modes, minlength=len(Mode)),
         counts={**counts, "exhausted": int((~turn.meter.alive).sum())},
         troubles=tuple(dict.fromkeys((*before.troubles, *said)))[:_MOST_TROUBLES],
