@@ -111,7 +111,11 @@ def test_the_quick_run_tells_everything(quick):
     for table in tables:
         assert all(len(row) == len(table.columns) for row in table.rows)
     assert len(pham_soft.findings(quick)) == 3  # nobody has died yet
-    assert list(pham_soft.figures(quick)) == ["soft_bound"]
+    drawn = pham_soft.figures(quick)
+    assert list(drawn) == ["soft_bound"]
+    empty = drawn["soft_bound"].axes[1]
+    assert not empty.axison
+    assert "no node was empty" in empty.texts[0].get_text()
 
 
 def test_lives_are_told_where_there_are_some(quick):

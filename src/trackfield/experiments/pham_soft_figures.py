@@ -52,6 +52,11 @@ def _trade(axes: Axes, found: Soft) -> None:
 
 def _lives(axes: Axes, found: Soft) -> None:
     known = [(bound, life) for bound, life in found.lives_by_bound if life > 0]
+    if not known:
+        said = "no node was empty at the end of so short a run"
+        axes.text(0.5, 0.5, said, ha="center", va="center", transform=axes.transAxes)
+        axes.set_axis_off()
+        return
     bounds, lives = ([row[i] for row in known] for i in (0, 1))
     axes.plot(bounds, lives, "o-", color=PALETTE[0], label="soft")
     wandering = found.lives["wandering"]
