@@ -103,6 +103,8 @@ def plan(
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
     if cell is not None and not 0.0 < cell < float("inf"):
         raise ConfigurationError([f"--cell: found {cell:g}, expected a size above 0 in metres"])
+    if plot is not None and map_file is not None:
+        raise ConfigurationError(["found --map and --plot, expected one of them: a map is drawn"])
     if plot is not None:
         check_figure(plot)
         check_output(plot, [site])
@@ -145,7 +147,7 @@ def tell(answer: Answer, plot: Path | None, *, as_json: bool) -> None:
             say(line)
         for table in answer.tables:
             show_table(table.columns, table.rows, title=table.title)
-        if plot is not None:
+        if plot is not None and answer.figure is not None:
             say(f"{plot}: drawn")
     if answer.failed:
         raise typer.Exit(1)

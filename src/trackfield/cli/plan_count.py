@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from trackfield.cli.answers import Answer
-from trackfield.cli.plan_map import region_of
+from trackfield.cli.plan_map import in_plane, region_of
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ def answer(site: Site, rms_m: float, *, layout: str, seed: int) -> Answer:
         raise ConfigurationError([f"--layout: found {layout!r}, expected one of: {expected}"])
     if not 0.0 < rms_m < np.inf:
         raise ConfigurationError([f"--rms: found {rms_m:g}, expected an error above 0 in metres"])
+    in_plane(site)
     wanted, area = Wanted(rms_m), region_of(site)
     rng = np.random.default_rng(seed) if layout == "random" else None
     chosen = cast("Layout", layout)

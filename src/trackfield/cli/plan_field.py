@@ -12,6 +12,7 @@ from trackfield.cli.plan_map import (
     accuracy_lines,
     accuracy_numbers,
     mapped,
+    mirror_doubts,
     region_of,
 )
 from trackfield.experiments.results import Table
@@ -53,7 +54,7 @@ def answer(site: Site, *, cell_m: float | None) -> Answer:
         numbers,
         lines,
         [*covered, _battery_table(site)],
-        [*accuracy_doubts(accuracy), *doubts],
+        [*accuracy_doubts(accuracy), *mirror_doubts(site), *doubts],
         lambda: _figure(site, found),
     )
 

@@ -11,7 +11,8 @@ import numpy as np
 from trackfield.cli.answers import Answer
 from trackfield.cli.output import progress
 from trackfield.cli.plan_map import region_of
-from trackfield.errors import ConfigurationError
+from trackfield.cli.plan_point import check_places
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.experiments.results import Table
 
 if TYPE_CHECKING:
@@ -24,10 +25,14 @@ if TYPE_CHECKING:
 
 _INTERVALS = 25  # of a pass
 _SENSINGS = 40.0  # of a node, at most, that are simulated; longer lives are in proportion
+_PASSES = 40  # at least, before batteries of which more is simulated would be empty
+_TRIED = 20  # passes, by which the share of them that can be served is told
+_LEAST_SERVED = 0.1  # for which passes are made: they are 10 times as many then
+_MOST_SENSORS = 4  # in a set that lives are simulated with
 _DAY_S = 86400.0
 _MARKS = (  # what is told of a life, and by which field of it
     ("first node exhausted", "first_death"),
-    ("less than 90 % of a pass served", "service_lifetime"),
+    ("less than 90 % of what can be is served", "service_lifetime"),
     ("less than 90 % of places covered", "coverage_lifetime"),
 )
 
@@ -70,9 +75,12 @@ def answer(site: Site, wish: Wish) -> Answer:
     if wish.per_day is not None and not 0.0 < wish.per_day < math.inf:
         found = f"{wish.per_day:g}"
         raise ConfigurationError([f"--passes-per-day: found {found}, expected a rate above 0"])
+    if wish.sensors > _MOST_SENSORS:
+        expected = f"1 to {_MOST_SENSORS} with --lifetime"
+        raise ConfigurationError([f"--sensors: found {wish.sensors}, expected {expected}"])
     case = _case(site, wish)
     need = Need(case.bound_m2, wish.sensors)
-    passes = _passes(site, case, wish)
+    passes = _passes(site, case, wish, need)
     with progress("targets pass") as moved:
         ours = lifetime(case.field, passes, need=need, chosen_by=wish.policy, progress=moved)
     plain = lifetime(case.field, passes, need=need, chosen_by="geometry")
@@ -105,7 +113,8 @@ def _case(site: Site, wish: Wish) -> _Case:
     battery = site.energy.battery_j / more
     positions = site.positions[:, : site.target.dimensions]
     reach = np.minimum(ranges.max_range_m, _widest(positions))
-    field = Field(positions, ranges.sigma_m, reach, min(battery, _SENSINGS))
+    simulated = max(_SENSINGS, _PASSES * wish.sensors * _INTERVALS / len(positions))
+    field = Field(positions, ranges.sigma_m, reach, min(battery, simulated))
     bound = 3.0 * float(np.median(ranges.sigma_m)) ** 2
     bound = bound if wish.bound_m2 is None else wish.bound_m2
     asleep = float(watts[Mode.SLEEPING]) * _DAY_S / site.energy.battery_j
@@ -117,17 +126,33 @@ def _widest(positions: Matrix) -> float:
     return 2.0 * float(np.linalg.norm(np.ptp(positions, axis=0))) + 1.0
 
 
-def _passes(site: Site, case: _Case, wish: Wish) -> Matrix:
-    """Make passes (p, `_INTERVALS`, d) until batteries would be empty if all were served."""
-    sensors = np.asarray(case.field.sensors)
-    most = float(np.asarray(case.field.battery)) * len(sensors)
+def _passes(site: Site, case: _Case, wish: Wish, need: Need) -> Matrix:
+    """Make passes (p, `_INTERVALS`, d) until batteries would be empty if what can be is served."""
+    from trackfield.scheduling.lifetime import lifetime
+
+    most = float(np.asarray(case.field.battery)) * len(case.field.sensors)
     count = max(1, math.ceil(most / (wish.sensors * _INTERVALS)))
+    made = _made(site, case, wish, count)
+    tried = lifetime(case.field, made[:_TRIED], need=need, chosen_by="geometry")
+    served = 1.0 - tried.geometric / (tried.served + tried.failed)
+    if served in (0.0, 1.0):
+        return made
+    return _made(site, case, wish, math.ceil(count / max(served, _LEAST_SERVED)))
+
+
+def _made(site: Site, case: _Case, wish: Wish, count: int) -> Matrix:
+    """Draw `count` passes, the same ones for the same seed."""
+    sensors = np.asarray(case.field.sensors)
     rng = np.random.default_rng(wish.seed)
     if wish.truth is None:
         return _crossings(site, count, rng)
     from trackfield.io.truth import read_truth
 
     table, d = read_truth(wish.truth), sensors.shape[1]
+    if not np.isfinite(table.position[:, :d]).all():
+        expected = "heights of targets in space"
+        raise InputError(f"{wish.truth}: z_m: found nothing, expected {expected}")
+    check_places(wish.truth, table.position[:, :d])
     known = [_evenly(table.position[table.target == i, :d]) for i in range(len(table.target_ids))]
     return np.stack([known[int(i)] for i in rng.integers(0, len(known), count)])
 
@@ -225,14 +250,17 @@ def _lines(case: _Case, wish: Wish) -> list[str]:
         f"{wish.sensors} sensors an interval of {case.interval_s:g} s, rms error of a snapshot at "
         f"most {rms:.3g} m; a battery is {case.battery:.4g} sensings:"
     ]
-    if case.battery > _SENSINGS:
-        lines.append(f"  simulated with {_SENSINGS:g} sensings a node; intervals in proportion")
+    simulated = float(np.asarray(case.field.battery))
+    if case.battery > simulated:
+        lines.append(f"  simulated with {simulated:.4g} sensings a node; intervals in proportion")
     return lines
 
 
 def _doubts(case: _Case, ours: Lifetime, wish: Wish) -> list[str]:
     doubts: list[str] = []
     total = ours.served + ours.failed
+    if ours.served and ours.first_death is None:
+        doubts.append("no battery was empty after the passes that were simulated: - is not known")
     if ours.geometric:
         share = 100.0 * ours.geometric / total
         doubts.append(

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from trackfield.cli.answers import Answer
 from trackfield.cli.output import check_figure, check_output
-from trackfield.errors import ConfigurationError
+from trackfield.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
@@ -16,13 +18,17 @@ if TYPE_CHECKING:
     from trackfield.scheduling.accuracy import AccuracyMap, Choose
 
 TABLES = (".csv", ".ndjson", ".parquet", ".geojson")
+_LINE = 1e-6  # of their length: sensors as narrow as that stand in one line
 _CELLS = 120  # along the longer side, if nobody asks for a size
 
 
 def check_map(path: Path, inputs: Sequence[Path]) -> None:
     """Refuse, before the work, a map that could not be written after it."""
     if path.suffix.lower() not in TABLES:
-        check_figure(path)
+        try:
+            check_figure(path)
+        except InputError as error:
+            raise ConfigurationError([f"{error}; for a table one of {', '.join(TABLES)}"]) from None
     check_output(path, list(inputs))
 
 
@@ -41,7 +47,7 @@ def answer(site: Site, path: Path, *, sensors: int | None, cell_m: float | None)
         save(plot_map(found, site.positions[:, :2], names=site.sensor_ids, title=title), path)
     lines = [f"one reading of each of {who}:", *accuracy_lines(told), f"{path}: written"]
     numbers = {**told, "readings_of": sensors or "all", "file": str(path)}
-    return Answer(numbers, lines, doubts=accuracy_doubts(told))
+    return Answer(numbers, lines, doubts=[*accuracy_doubts(told), *mirror_doubts(site)])
 
 
 def mapped(
@@ -50,9 +56,29 @@ def mapped(
     """Map the bound over the site's region, in `cells` along its longer side, or of `cell_m`."""
     from trackfield.scheduling.accuracy import accuracy_map
 
+    in_plane(site)
     area = region_of(site)
     side = max(area.x_max - area.x_min, area.y_max - area.y_min)
     return accuracy_map(site, area, cell_m=cell_m or side / cells, choose=choose)
+
+
+def mirror_doubts(site: Site) -> list[str]:
+    """Say that sensors stand in one line, where their readings are alike on both sides of it."""
+    from trackfield.sensing.range import RangeModel
+    from trackfield.sensing.signal import SignalModel
+
+    alike = all(isinstance(model, RangeModel | SignalModel) for model in site.models)
+    places = site.positions[:, :2]
+    if site.target.dimensions == 3 or not alike or len(places) < 2:
+        return []
+    offsets = places - places.mean(axis=0)
+    spread = np.linalg.svd(offsets, compute_uv=False)
+    if spread[1] > _LINE * spread[0]:
+        return []
+    return [
+        "all sensors stand in one line: no reading tells a place from its mirror image across it; "
+        "errors are those of who knows the side"
+    ]
 
 
 def region_of(site: Site) -> Region:
@@ -67,6 +93,16 @@ def region_of(site: Site) -> Region:
         )
         raise ConfigurationError([problem])
     return area
+
+
+def in_plane(site: Site) -> None:
+    """Refuse a site whose targets have heights: what is asked has an answer in the plane only."""
+    if site.target.dimensions == 3:
+        problem = (
+            f"site {site.name}: target.dimensions: found 3, expected 2: only --at, --lifetime and "
+            "--robot plan for targets in space"
+        )
+        raise ConfigurationError([problem])
 
 
 def accuracy_numbers(found: AccuracyMap) -> dict[str, Any]:
@@ -100,8 +136,13 @@ def accuracy_lines(told: dict[str, Any]) -> list[str]:
 def accuracy_doubts(told: dict[str, Any]) -> list[str]:
     """Say where no position follows."""
     free = told["undetermined"]
-    said = f"no position follows in {100.0 * free:.3g} % of the region: too few sensors in reach"
-    return [said] if free else []
+    few = told["in_reach"]["most"] < 2
+    why = (
+        "too few sensors in reach"
+        if few
+        else "too few sensors in reach, all in line, or readings that do not change with the place"
+    )
+    return [f"no position follows in {100.0 * free:.3g} % of the region: {why}"] if free else []
 
 
 def _best(sensors: int | None) -> Choose | None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from trackfield.cli.answers import Answer
-from trackfield.errors import ConfigurationError
+from trackfield.cli.plan_map import mirror_doubts
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.experiments.results import Table
+from trackfield.network.bounds import FARTHEST_M
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.scheduling.point import PointPlan
-    from trackfield.types import Vector
+    from trackfield.types import Matrix, Vector
 
 
 def answer(
@@ -35,7 +38,7 @@ def answer(
         _numbers(site, plan, criterion),
         _lines(plan, criterion),
         [_table(site, plan)] if plan.chosen.size else [],
-        _doubts(plan, k),
+        [*_doubts(plan, k), *mirror_doubts(site)],
         lambda: plot_choice(site, plan),
         failed=not plan.selection.determined,
     )
@@ -47,10 +50,20 @@ def numbers_of(option: str, text: str, count: int) -> Vector:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError:
         values = np.empty(0)
-    if values.size != count or not np.isfinite(values).all():
+    if values.size != count or not (np.abs(values) <= FARTHEST_M).all():
         expected = "X,Y" if count == 2 else "X,Y,Z"
-        raise ConfigurationError([f"{option}: found {text!r}, expected {expected} in metres"])
+        unit = "m/s" if option == "--velocity" else "metres"
+        limits = f"{unit}, up to {FARTHEST_M:g} each"
+        raise ConfigurationError([f"{option}: found {text!r}, expected {expected} in {limits}"])
     return values
+
+
+def check_places(file: Path, places: Matrix) -> None:
+    """Refuse places (n, d) [m] of a file that are too far away for any arithmetic."""
+    farthest = float(np.abs(places).max(initial=0.0))
+    if not farthest <= FARTHEST_M:
+        expected = f"coordinates up to {FARTHEST_M:g} m"
+        raise InputError(f"{file}: found {farthest:g} m, expected {expected}")
 
 
 def _numbers(site: Site, plan: PointPlan, criterion: str) -> dict[str, object]:
@@ -112,7 +125,8 @@ def _doubts(plan: PointPlan, k: int) -> list[str]:
     for direction in plan.selection.missing:
         along = ", ".join(f"{value:.2f}" for value in direction)
         doubts.append(
-            f"no reading tells where the target is along ({along}): too few sensors, or all in line"
+            f"no reading tells where the target is along ({along}): too few sensors, all in "
+            "line, or readings that do not change with the place"
         )
     return doubts
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from trackfield.cli.answers import Answer
 from trackfield.cli.plan_map import region_of
-from trackfield.cli.plan_point import numbers_of
-from trackfield.errors import ConfigurationError
+from trackfield.cli.plan_point import check_places, numbers_of
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.experiments.results import Table
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def _track(truth: Path, target: str | None) -> tuple[Vector, Matrix, str]:
         raise ConfigurationError([f"--target: found {target!r}, expected {known}"])
     name = names[0] if target is None else target
     own = table.target == names.index(name)
+    check_places(truth, table.position[own, :2])
     t_s, first = np.unique(table.t_s[own], return_index=True)
     return t_s, table.position[own][first, :2], name
 
@@ -109,13 +110,28 @@ def _mission(site: Site) -> Mission:
     if robot.wheel_base_m is not None:
         steering = math.radians(robot.max_steering_deg)
         car = Car(robot.max_speed_m_s, steering, robot.wheel_base_m)
-    polygons = [np.array(obstacle.polygon) for obstacle in site.obstacles]
-    obstacles = Obstacles(polygons, margin_m=robot.radius_m)
+    obstacles = Obstacles(_polygons(site), margin_m=robot.radius_m)
     return Mission(
         Link(comm, sensing, robot.error_m),
         Vehicle(robot.max_speed_m_s, car=car, obstacles=obstacles),
         Horizon(region=region_of(site)),
     )
+
+
+def _polygons(site: Site) -> list[Matrix]:
+    """Corners (m, 2) [m] of the site's obstacles; one that is no simple polygon is named."""
+    from trackfield.robot.convex_parts import parts_of
+
+    polygons: list[Matrix] = [np.array(obstacle.polygon) for obstacle in site.obstacles]
+    problems: list[str] = []
+    for number, polygon in enumerate(polygons, 1):
+        try:
+            parts_of(polygon)
+        except InputError as error:
+            problems.append(f"site {site.name}: obstacles[{number}].polygon: {error}")
+    if problems:
+        raise ConfigurationError(problems)
+    return polygons
 
 
 def _to_sink(site: Site, found: Plan) -> dict[str, Any] | None:
@@ -152,8 +168,11 @@ def _lines(link: Link, found: Plan, name: str, sink: dict[str, Any] | None) -> l
 def _table(found: Plan) -> Table:
     best = found.optimum_m
 
+    # Who lags behind goes a shorter way, not a better one.
+    known = found.hop_kept >= 1.0 and best > 0.0
+
     def row(what: str, length: float) -> tuple[str, ...]:
-        return (what, f"{length:.2f}", f"{length / best:.3f}" if best > 0.0 else "-")
+        return (what, f"{length:.2f}", f"{length / best:.3f}" if known else "-")
 
     rows = (
         row("looking ahead", found.length_m),

@@ -120,7 +120,7 @@ def first_guess(region: Region | Box, model: SensorModel, *, wanted: Wanted, mos
     offsets[:, 0] = r
     gain2 = (pair_gains(model, np.zeros((_RINGS, d)), offsets) ** 2).sum(axis=1)
     told = _BALL[d] * far**d * float((gain2 * r ** (d - 1)).sum() / (r ** (d - 1)).sum()) / d
-    count = d * box.measure / (told * wanted.rms_m**2) if told > 0.0 else math.inf
+    count = d * box.measure / told / wanted.rms_m / wanted.rms_m if told > 0.0 else math.inf
     return max(1, math.ceil(min(count, most)))
 
 
