@@ -96,3 +96,11 @@ def test_all_faults_are_told_at_once(call, small, tmp_path):
     assert call("pursue", SCENARIO, "--plot", tmp_path / "p.abc").code == 2
     assert call("pursue", SCENARIO, "--animate", tmp_path / "p.abc").code == 2
     assert call("pursue", SCENARIO, "--plot", SCENARIO).code == 2
+
+
+def test_more_steps_than_can_be_taken_are_refused_at_once(call, tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text(SCENARIO.read_text().replace("\nstep_s = 1.0", "\nstep_s = 1e-9"))
+    done = call("pursue", path)
+    assert done.code == 2
+    assert "step_s: found 75000000000 steps, expected at most 10000000" in done.err
