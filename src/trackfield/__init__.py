@@ -45,15 +45,17 @@ if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.network.site_file import load_site, site_from_toml
     from trackfield.network.site_writer import write_site
+    from trackfield.pipeline.commands import Commander
     from trackfield.pipeline.extent import settled
+    from trackfield.pipeline.pursuing import Pursuit
     from trackfield.pipeline.tagged import Tracker
     from trackfield.pipeline.untagged import Feed, UntaggedTracker
     from trackfield.sensing.detection import DetectionModel
     from trackfield.sensing.range import RangeModel
     from trackfield.sensing.signal import SignalModel
-    from trackfield.types import Readings, Reports, Status, Tracks, Truth
+    from trackfield.types import Commands, Mode, Readings, Reports, Status, Tracks, Truth
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _ROOMS = {
     "api": ("calibrate", "score", "track"),
@@ -75,21 +77,27 @@ _ROOMS = {
     "network.site": ("Site",),
     "network.site_file": ("load_site", "site_from_toml"),
     "network.site_writer": ("write_site",),
+    "pipeline.commands": ("Commander",),
     "pipeline.extent": ("settled",),
+    "pipeline.pursuing": ("Pursuit",),
     "pipeline.tagged": ("Tracker",),
     "pipeline.untagged": ("Feed", "UntaggedTracker"),
     "sensing.detection": ("DetectionModel",),
     "sensing.range": ("RangeModel",),
     "sensing.signal": ("SignalModel",),
-    "types": ("Readings", "Reports", "Status", "Tracks", "Truth"),
+    "types": ("Commands", "Mode", "Readings", "Reports", "Status", "Tracks", "Truth"),
 }
 _ROOM_OF = {name: room for room, names in _ROOMS.items() for name in names}
 
 __all__ = [
+    "Commander",
+    "Commands",
     "ConfigurationError",
     "DetectionModel",
     "Feed",
     "InputError",
+    "Mode",
+    "Pursuit",
     "RangeModel",
     "Readings",
     "Reports",
