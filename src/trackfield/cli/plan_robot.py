@@ -177,7 +177,7 @@ def _table(found: Plan) -> Table:
     rows = (
         row("looking ahead", found.length_m),
         row("rule (4.11)", found.rule_m),
-        row("shortest, known from the start", best),
+        row("shortest there is, without obstacles or limits", best),
     )
     return Table("", ("way", "length [m]", "over the shortest"), rows)
 
