@@ -13,7 +13,7 @@ from trackfield.pursuit.steering import time_to_rest
 from trackfield.types import Vector
 
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_ROUNDS = 36  # of a golden section: the last bracket is 3e-8 of the first
+_ROUNDS = 26  # of a golden section: the last bracket is 4e-6 of the first
 
 
 class Doubt(NamedTuple):

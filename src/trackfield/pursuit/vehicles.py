@@ -85,9 +85,11 @@ class Thruster:
         time = (2.0 * peak - v) / U
         if math.isfinite(self.speed_m_s):
             cap = self.speed_m_s - way * other[2:]
-            safe = np.where(cap > 0.0, cap, 1.0)
+            slow = cap < peak  # few of them: the rest needs no more
+            c, x, v = cap[slow], x[slow], v[slow]
+            safe = np.where(c > 0.0, c, 1.0)
             coasting = (2.0 * safe - v) / U + (x - (safe**2 - 0.5 * v**2) / U) / safe
-            time = np.where(cap < peak, np.where(cap > 0.0, coasting, np.inf), time)
+            time[slow] = np.where(c > 0.0, coasting, np.inf)
             time[:, :, (np.abs(evaders[:, 2:]) > self.speed_m_s).any(axis=1)] = np.inf
         return np.maximum(time, 0.0).max(axis=0)
 
