@@ -154,7 +154,7 @@ def test_an_obstacle_that_is_no_polygon_is_named(call, tmp_path, polygon, said):
 def test_a_way_that_lost_the_hop_is_not_compared_with_the_shortest(call, site, tmp_path):
     truth = walk(tmp_path / "truth.csv", (1, 5), (3, 5), (5, 5), (7, 5), (9, 5))
     rows = [line.split() for line in call("plan", site, "--robot", truth).out.splitlines()]
-    assert next(row[-1] for row in rows if row[:1] == ["shortest,"]) == "1.000"
+    assert next(row[-1] for row in rows if row[:1] == ["shortest"]) == "1.000"
     site.write_text(site.read_text().replace("max_speed_m_s = 2", "max_speed_m_s = 0.1"))
     done = call("plan", site, "--robot", truth)
     assert done.code == 1
