@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -101,6 +102,19 @@ def plan(
     asked = [name for name, given in questions.items() if given is not None]
     if len(asked) > 1:
         raise ConfigurationError([f"found {' and '.join(asked)}, expected one question at a time"])
+    _refuse_strays(
+        asked[0] if asked else "",
+        {
+            "--at": {"--velocity": velocity},
+            "--robot": {"--start": start, "--target": target},
+            "--lifetime": {
+                "--bound": bound,
+                "--truth": truth,
+                "--passes-per-day": passes_per_day,
+                "--clairvoyant": clairvoyant or None,
+            },
+        },
+    )
     if cell is not None and not 0.0 < cell < float("inf"):
         raise ConfigurationError([f"--cell: found {cell:g}, expected a size above 0 in metres"])
     if plot is not None and map_file is not None:
@@ -130,6 +144,18 @@ def plan(
     else:
         answer = plan_field.answer(loaded, cell_m=cell)
     tell(answer, plot, as_json=as_json)
+
+
+def _refuse_strays(asked: str, options: Mapping[str, Mapping[str, object]]) -> None:
+    """Refuse options of questions that are not asked: their answer would not be the one meant."""
+    strays = [
+        f"{option}: found without {question}, which it belongs to"
+        for question, own in options.items()
+        for option, given in own.items()
+        if given is not None and question != asked
+    ]
+    if strays:
+        raise ConfigurationError(strays)
 
 
 def tell(answer: Answer, plot: Path | None, *, as_json: bool) -> None:

@@ -82,8 +82,16 @@ def answer(site: Site, wish: Wish) -> Answer:
     need = Need(case.bound_m2, wish.sensors)
     passes = _passes(site, case, wish, need)
     with progress("targets pass") as moved:
-        ours = lifetime(case.field, passes, need=need, chosen_by=wish.policy, progress=moved)
-    plain = lifetime(case.field, passes, need=need, chosen_by="geometry")
+        ours, plain = (
+            lifetime(
+                case.field,
+                passes,
+                need=need,
+                chosen_by=policy,
+                progress=lambda share, first=first: moved(first + 0.5 * share),
+            )
+            for first, policy in ((0.0, wish.policy), (0.5, "geometry"))
+        )
     numbers = _numbers(case, ours, plain, wish)
     if wish.clairvoyant:
         numbers["nobody_longer_intervals"] = _bound(case, passes, need)
