@@ -23,8 +23,10 @@ from trackfield.sensing.range import RangeModel
 from trackfield.types import Gaussian, Matrix, Vector
 
 if __package__:  # run as `python -m tests.golden`
-    from tests import golden_oh, golden_pham
+    from tests import golden_berger, golden_cheng, golden_oh, golden_pham
 else:
+    import golden_berger
+    import golden_cheng
     import golden_oh
     import golden_pham
 
@@ -131,6 +133,8 @@ KINDS: dict[str, Callable[[Case], Answer]] = {
     "trilateration_ols": trilateration_ols,
     "trilateration_covariance": trilateration_covariance,
     "trilateration_traces": trilateration_traces,
+    **golden_berger.KINDS,
+    **golden_cheng.KINDS,
     **golden_oh.KINDS,
     **golden_pham.KINDS,
 }

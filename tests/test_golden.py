@@ -13,7 +13,22 @@ from golden import KINDS, evaluate, load
 FOLDER = ROOT / "tests" / "golden_data"
 CASES = [case for path in sorted(FOLDER.glob("*.json")) for case in load(path)]
 OURS = [case for case in CASES if case["kind"] in KINDS]
-TO_COME = {  # kinds of rooms that do not stand yet: who chases, who is awake, robots
+TO_COME = {  # kinds of rooms that do not stand yet
+    "berger_cheng.json": {
+        "energy_crlb",
+        "energy_lifted_solution",
+        "energy_local_fim",
+        "energy_local_ml",
+        "energy_message",
+        "energy_pair_solutions",
+        "energy_rayleigh_nll",
+        "motion_angular_rates",
+        "motion_ghosts",
+        "motion_newton",
+        "motion_observability",
+        "motion_scalar_residual",
+        "motion_switching",
+    },
     "oh.json": set(),
     "wang_pham.json": set(),
 }

@@ -39,7 +39,8 @@ ROW_FAULTS = {
     "0,A0,range,1,inf,": "line 3: sigma: found 'inf', expected a number above 0 or nothing",
     "0,A0,range,1,big,": "line 3: sigma: found 'big', expected a number above 0 or nothing",
     "0,A0,rang,1,,": "line 3: kind: found 'rang', expected a kind of reading; "
-    "nearest valid one: range; valid ones: range, signal, detection, bearing, angular_rate",
+    "nearest valid one: range; valid ones: range, signal, detection, bearing, angular_rate, "
+    "motion, rssi, amplitude, energy_message",
     "0,A0,detection,0.5,,": "line 3: value: found '0.5', expected 0 or 1",
     "0,A0,detection,-1,,": "line 3: value: found '-1', expected 0 or 1",
     "0,A0,bearing,45,,": "line 3: value: found '45', expected an angle in radians, -2 pi to 2 pi",

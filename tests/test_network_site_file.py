@@ -32,7 +32,10 @@ from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
 from trackfield.sensing.signal import SignalModel
 
-ANY_KIND = "'range', 'signal', 'detection', 'bearing' or 'angular_rate'"
+ANY_KIND = (
+    "'range', 'signal', 'detection', 'bearing', 'angular_rate', 'motion', 'rssi', 'amplitude' "
+    "or 'energy_message'"
+)
 
 SENSORS = """
 [[sensors]]
@@ -169,8 +172,8 @@ def test_sensors_may_stand_in_a_file_named_in_site_or_before_it(tmp_path):
             [f"models.m.kind: found nothing, expected {ANY_KIND}"],
         ),
         (
-            "[models.m]\nkind = 'rssi'",
-            [f"models.m.kind: found 'rssi', expected {ANY_KIND}"],
+            "[models.m]\nkind = 'wifi'",
+            [f"models.m.kind: found 'wifi', expected {ANY_KIND}"],
         ),
         (
             "[models.m]\nkind = 'range'\nbias = 1",

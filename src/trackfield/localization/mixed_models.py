@@ -8,8 +8,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfield.errors import ConfigurationError
 from trackfield.localization.range_likelihood import fisher_weight
-from trackfield.network.kinds import SensorModel
+from trackfield.network.kinds import SensorModel, kind_of
 from trackfield.sensing import angular_rate, bearing, detection, signal
 from trackfield.sensing import range as ranging
 from trackfield.sensing.angular_rate import AngularRateColumns, AngularRateModel
@@ -39,8 +40,8 @@ class MixedModels(NamedTuple):
 def mixed(models: Sequence[SensorModel]) -> MixedModels:
     """Lay out the models of n sensors by kind.
 
-    `ConfigurationError` for detection models that cannot be, `InputError` for signal models that
-    differ in what belongs to the field.
+    `ConfigurationError` for detection models that cannot be and for kinds that nothing is planned
+    with, `InputError` for signal models that differ in what belongs to the field.
     """
     part, row = np.empty(len(models), np.int32), np.empty(len(models), np.int32)
     members: dict[type[SensorModel], list[int]] = {}
@@ -130,6 +131,12 @@ def _columns(models: list[SensorModel]) -> _Columns:
             return bearing.columns([m for m in models if isinstance(m, BearingModel)])
         case AngularRateModel():
             return angular_rate.columns([m for m in models if isinstance(m, AngularRateModel)])
+        case _:
+            expected = (
+                "kinds that are planned with: range, signal, detection, bearing, angular_rate"
+            )
+            found = f"found sensors of kind {kind_of(models[0])!r}"
+            raise ConfigurationError([f"{found}, expected {expected}"])
 
 
 def _rows(columns: _Some, rows: Indices) -> _Some:

@@ -9,13 +9,27 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.angular_rate import AngularRateModel
 from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
+from trackfield.sensing.motion_rate import MotionRateModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
+from trackfield.sensing.rssi import RssiModel
 from trackfield.sensing.signal import SignalModel
 
-SensorModel = RangeModel | SignalModel | DetectionModel | BearingModel | AngularRateModel
+SensorModel = (
+    RangeModel
+    | SignalModel
+    | DetectionModel
+    | BearingModel
+    | AngularRateModel
+    | MotionRateModel
+    | RssiModel
+    | AmplitudeModel
+    | EnergyMessageModel
+)
 """Parameters of one sensor, of any kind."""
 
 
@@ -72,6 +86,32 @@ KINDS: Mapping[str, Kind] = {
         AngularRateModel(),
         Values("a finite number"),
         tagged=True,
+        tracked=False,
+    ),
+    "motion": Kind(
+        MotionRateModel,
+        MotionRateModel(),
+        Values("a finite number"),
+        tagged=True,
+        tracked=False,
+    ),
+    "rssi": Kind(
+        RssiModel,
+        RssiModel(),
+        Values("a strength in dBm, -200 to 100", least=-200.0, most=100.0),
+        tagged=True,
+        tracked=False,
+    ),
+    "amplitude": Kind(
+        AmplitudeModel,
+        AmplitudeModel(),
+        Values("a finite number"),
+        tracked=False,
+    ),
+    "energy_message": Kind(
+        EnergyMessageModel,
+        EnergyMessageModel(),
+        Values("a code word, a whole number of 0 or more", least=0.0, most=2.0**51),
         tracked=False,
     ),
 }

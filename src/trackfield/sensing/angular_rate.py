@@ -22,11 +22,13 @@ class AngularRateModel:
 
     (x, y) is the target seen from its sensor, (vx, vy) its velocity, n ~ N(0, sigma_rad_s^2);
     positive counter-clockwise; heights do not matter. `max_range_m` is how far the sensor sees,
-    measured in space where heights are known. Cheng, Ghosh, Hu: y = thetadot.
+    measured in space where heights are known. What turns slower than `threshold_rad_s` is not said.
+    Cheng, Ghosh, Hu: y = thetadot.
     """
 
     sigma_rad_s: float = 0.01
     max_range_m: float = math.inf
+    threshold_rad_s: float = 0.0
 
 
 class AngularRateColumns(NamedTuple):
@@ -34,6 +36,7 @@ class AngularRateColumns(NamedTuple):
 
     sigma_rad_s: Vector
     max_range_m: Vector
+    threshold_rad_s: Vector
 
 
 AngularRateModels = AngularRateModel | AngularRateColumns
@@ -45,7 +48,7 @@ class SimulatedAngularRates(NamedTuple):
     """What the sensors measured along a path, (..., steps, n) each.
 
     `value` [rad/s] is what a sensor would have read, in range or not; `heard` says where the target
-    was within `max_range_m`.
+    was within `max_range_m` and turned at `threshold_rad_s` or more.
     """
 
     value: Matrix
@@ -106,9 +109,9 @@ def simulate(
     """
     offsets, velocities = _parts(sensors, path)
     mean, _ = _rate(offsets, velocities)
-    noise = models.sigma_rad_s * rng.standard_normal(mean.shape)
-    r = np.linalg.norm(offsets, axis=-1)
-    return SimulatedAngularRates(mean + noise, np.asarray(r <= models.max_range_m))
+    value = mean + models.sigma_rad_s * rng.standard_normal(mean.shape)
+    heard = np.linalg.norm(offsets, axis=-1) <= models.max_range_m
+    return SimulatedAngularRates(value, heard & (np.abs(value) >= models.threshold_rad_s))
 
 
 def _rate(offsets: Matrix, velocities: Matrix) -> tuple[Matrix, Matrix]:
