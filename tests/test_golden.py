@@ -17,11 +17,7 @@ TO_COME = {  # kinds of rooms that do not stand yet
     "berger_cheng.json": {
         "energy_crlb",
         "energy_lifted_solution",
-        "energy_local_fim",
-        "energy_local_ml",
-        "energy_message",
         "energy_pair_solutions",
-        "energy_rayleigh_nll",
         "motion_angular_rates",
         "motion_ghosts",
         "motion_newton",
