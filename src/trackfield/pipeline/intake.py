@@ -36,9 +36,9 @@ def report_rows(
     A report may lie outside by four of its own standard deviations, or of `sigma_m` if it brings
     none. `InputError` for numbers that are not finite, or a covariance that is none.
     """
-    _require_finite(reports.t_s, "report", "t_s")
+    require_finite(reports.t_s, "report", "t_s")
     for name, column in (("x_m", reports.position[:, 0]), ("y_m", reports.position[:, 1])):
-        _require_finite(column, "report", name)
+        require_finite(column, "report", name)
     covariance = reports.covariance
     told = np.logical_not(np.isnan(covariance).any(axis=1))
     xx, xy, yy = covariance.T
@@ -87,27 +87,27 @@ def reading_rows(readings: Readings, known: Speakers) -> Rows:
     else, values that such a sensor cannot say, and readings that name a target.
     """
     kind = known.kind
-    _require_finite(readings.t_s, "reading", "t_s")
-    _require_finite(readings.value, "reading", "value")
-    sensor = _site_sensors(readings, known)
+    require_finite(readings.t_s, "reading", "t_s")
+    require_finite(readings.value, "reading", "value")
+    sensor = site_sensors(readings, known.sensor_ids, known.numbers)
     kinds = np.array([name == kind for name in readings.kinds], bool)
-    _refuse(
+    refuse(
         ~kinds[readings.kind],
         lambda row: f"kind {readings.kinds[int(readings.kind[row])]!r}",
         f"{kind!r} as before: readings of several kinds are tracked one kind at a time",
     )
-    _refuse(
+    refuse(
         ~known.of_kind[sensor],
         lambda row: f"a reading of {kind!r} from {known.sensor_ids[int(sensor[row])]!r}",
         f"one from a sensor whose model is of that kind in site {known.site_name}",
     )
-    _refuse(
+    refuse(
         readings.target >= 0,
         lambda row: f"target {readings.target_ids[int(readings.target[row])]!r}",
         f"none: only ranges are tracked by the tags that they name, not {kind}s",
     )
     if kind == "detection":
-        _refuse(
+        refuse(
             (readings.value != 0.0) & (readings.value != 1.0),
             lambda row: f"value {readings.value[row]:g}",
             "0 or 1",
@@ -116,13 +116,15 @@ def reading_rows(readings: Readings, known: Speakers) -> Rows:
     return in_order(Rows(readings.t_s, readings.arrival_s, rows), np.ones(len(readings), bool))
 
 
-def _site_sensors(readings: Readings, known: Speakers) -> Indices:
-    """Find each reading's sensor (n,) in the site; `InputError` for one it does not have."""
-    if readings.sensor_ids == known.sensor_ids or not len(readings):
+def site_sensors(
+    readings: Readings, sensor_ids: tuple[str, ...], places: Mapping[str, int]
+) -> Indices:
+    """Find each reading's sensor (n,) in a site; `InputError` for one it does not have."""
+    if readings.sensor_ids == sensor_ids or not len(readings):
         return readings.sensor
-    numbers = np.array([known.numbers.get(name, -1) for name in readings.sensor_ids], np.int32)
+    numbers = np.array([places.get(name, -1) for name in readings.sensor_ids], np.int32)
     sensor = numbers[readings.sensor]
-    _refuse(
+    refuse(
         sensor < 0,
         lambda row: f"sensor {readings.sensor_ids[int(readings.sensor[row])]!r}",
         "one of the site",
@@ -140,7 +142,8 @@ def in_order(rows: Rows, keep: NDArray[np.bool_]) -> Rows:
     return Rows(t_s[order], arrival_s[order], table[order])
 
 
-def _require_finite(column: Vector, what: str, name: str) -> None:
+def require_finite(column: Vector, what: str, name: str) -> None:
+    """Raise `InputError` for the first number that is not finite, if there is one."""
     finite = np.isfinite(column)
     if not np.all(finite):
         row = int(np.argmin(finite))
@@ -149,7 +152,7 @@ def _require_finite(column: Vector, what: str, name: str) -> None:
         )
 
 
-def _refuse(wrong: NDArray[np.bool_], found: Callable[[int], str], expected: str) -> None:
+def refuse(wrong: NDArray[np.bool_], found: Callable[[int], str], expected: str) -> None:
     """Raise `InputError` for the first of the `wrong` readings, if there is one."""
     if np.any(wrong):
         row = int(np.argmax(wrong))

@@ -10,13 +10,20 @@ _MOST_LAG = 1000  # steps that a window must then hold
 _SLACK = 1e-9  # of a step
 
 
+def require_lags(lag_s: float, lag_steps: int, *, every_s: float) -> None:
+    """Raise `ConfigurationError` for lags and distances of rows that cannot be."""
+    if not _sound(lag_s, lag_steps, every_s):
+        raise ConfigurationError(
+            [
+                f"found lag_s {lag_s!r}, lag_steps {lag_steps!r}, every_s {every_s!r}, "
+                "expected finite numbers, 0 or more, and whole steps"
+            ]
+        )
+
+
 def lag_in_steps(lag_s: float, lag_steps: int, *, every_s: float, step_s: float) -> int:
     """Lag in steps; `ConfigurationError` for lags that cannot be."""
-    try:
-        sound = all(0 <= float(n) < math.inf for n in (lag_s, lag_steps, every_s))
-        sound = sound and lag_steps == int(lag_steps)
-    except (TypeError, ValueError):
-        sound = False
+    sound = _sound(lag_s, lag_steps, every_s)
     steps = max(math.ceil(lag_s / step_s - _SLACK), int(lag_steps)) if sound else _MOST_LAG + 1
     if steps > _MOST_LAG:
         raise ConfigurationError(
@@ -26,3 +33,11 @@ def lag_in_steps(lag_s: float, lag_steps: int, *, every_s: float, step_s: float)
             ]
         )
     return steps
+
+
+def _sound(lag_s: float, lag_steps: int, every_s: float) -> bool:
+    try:
+        finite = all(0 <= float(n) < math.inf for n in (lag_s, lag_steps, every_s))
+        return finite and lag_steps == int(lag_steps)
+    except (TypeError, ValueError):
+        return False

@@ -6,7 +6,6 @@ One operator serves batch, replay and live runs; they differ only in where readi
 from __future__ import annotations
 
 import json
-import math
 import struct
 from collections.abc import Iterable
 from dataclasses import astuple
@@ -19,7 +18,10 @@ from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.range_tracker import Output, create
 from trackfield.network.geometry import geometry
 from trackfield.network.site import Site, range_models
+from trackfield.pipeline.intake import require_finite
+from trackfield.pipeline.lags import require_lags
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
+from trackfield.pipeline.tagged_rows import ANONYMOUS
 from trackfield.types import (
     Indices,
     Readings,
@@ -28,8 +30,6 @@ from trackfield.types import (
     join_rows,
     select_rows,
 )
-
-_ANONYMOUS = ""  # the one target of readings that name none
 
 
 class Run(NamedTuple):
@@ -78,18 +78,7 @@ class Tracker:
     def __init__(
         self, site: Site, *, lag_s: float = 0.0, lag_steps: int = 0, every_s: float = 0.0
     ) -> None:
-        try:
-            sound = all(0 <= float(n) < math.inf for n in (lag_s, lag_steps, every_s))
-            sound = sound and lag_steps == int(lag_steps)
-        except (TypeError, ValueError):
-            sound = False
-        if not sound:
-            raise ConfigurationError(
-                [
-                    f"found lag_s {lag_s!r}, lag_steps {lag_steps!r}, every_s {every_s!r}, "
-                    "expected finite numbers, 0 or more, and whole steps"
-                ]
-            )
+        require_lags(lag_s, lag_steps, every_s=every_s)
         range_models(site)  # or refuse sensors of other kinds
         problems = geometry(site).problems
         if problems:
@@ -133,7 +122,7 @@ class Tracker:
         return self._take()
 
     def step(
-        self, t_s: float, sensor: Indices, *, value: Vector, target_id: str = _ANONYMOUS
+        self, t_s: float, sensor: Indices, *, value: Vector, target_id: str = ANONYMOUS
     ) -> Fix | None:
         """Take one complete scan of one target: `process` for loops in which microseconds count.
 
@@ -193,8 +182,8 @@ class Tracker:
         )
 
     def _add(self, readings: Readings) -> None:
-        _require_finite(readings.t_s, "t_s")
-        _require_finite(readings.value, "value")
+        require_finite(readings.t_s, "reading", "t_s")
+        require_finite(readings.value, "reading", "value")
         sensor = self._sensor_numbers(readings)
         target = self._target_numbers(readings)
         t = readings.t_s
@@ -234,7 +223,7 @@ class Tracker:
         return sensor
 
     def _target_numbers(self, readings: Readings) -> Indices:
-        names = (*readings.target_ids, _ANONYMOUS)
+        names = (*readings.target_ids, ANONYMOUS)
         # Numbers go by first appearance, so that cutting a run does not change them.
         rows = len(readings)
         first = np.full(len(names), rows)
@@ -271,8 +260,8 @@ class Tracker:
         numbers, names = self._bank.take()
         count, status, target = (np.ascontiguousarray(names[:, i]) for i in range(3))
         track = self._track_numbers(target, count)
-        if _ANONYMOUS in self._targets:
-            target = np.where(target == self._targets[_ANONYMOUS], np.int32(-1), target)
+        if ANONYMOUS in self._targets:
+            target = np.where(target == self._targets[ANONYMOUS], np.int32(-1), target)
         return Tracks(
             t_s=np.ascontiguousarray(numbers[:, 0]),
             track=track,
@@ -302,15 +291,6 @@ class Tracker:
                 self._tracks += 1
                 known[target[row], count[row]] = self._tracks
         return known[target, count]
-
-
-def _require_finite(column: Vector, name: str) -> None:
-    finite = np.isfinite(column)
-    if not np.all(finite):
-        row = int(np.argmin(finite))
-        raise InputError(
-            f"reading {row + 1}: found {name} {column[row]:g}, expected a finite number"
-        )
 
 
 def track(
