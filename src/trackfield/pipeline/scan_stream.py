@@ -103,7 +103,7 @@ class ScanStream(Generic[State]):
         return []
 
     def advance(self, watermark_s: float) -> list[Told]:
-        """Close what no reading will join; tell rows of a silent target, and that its track ends."""
+        """Close what no reading will join; tell of a silent target, and that its track ends."""
         rows: list[Told] = []
         if self.open and self.open_s <= watermark_s:
             rows += self._close()
@@ -249,7 +249,7 @@ def _time(moment: Moment[State]) -> float:
 
 
 def _scan(t_s: float, said: Mapping[int, Said]) -> Scan:
-    """Readings by sensor, in the order of the site: the order in which they came does not count."""
+    """Make a scan, in the order of the site: the order in which readings came does not count."""
     sensors = sorted(said)
     return Scan(
         t_s,

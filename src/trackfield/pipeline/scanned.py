@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple
 from itertools import pairwise
@@ -24,6 +23,8 @@ from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.tagged import Run, sort_rows
 from trackfield.pipeline.tagged_rows import ANONYMOUS, Numbering, TargetRow
 from trackfield.types import Readings, Tracks, join_rows
+
+_FATES = ("accepted", "duplicate", "late", "rewound")  # of readings
 
 
 class ScanTracker(Generic[State]):
@@ -65,12 +66,12 @@ class ScanTracker(Generic[State]):
     @property
     def counts(self) -> dict[str, int]:
         """How readings fared (accepted, duplicate, late, ...); tracks started and ended."""
-        counts = Counter(dict.fromkeys(("accepted", "duplicate", "late", "rewound"), 0))
-        for stream in self._streams:
-            counts.update(stream.counts)
-        started = sum(stream.life.tracks for stream in self._streams)
-        ended = sum(stream.life.ended for stream in self._streams)
-        return {**counts, "started": started, "ended": ended}
+        streams = self._streams
+        return {
+            **{name: sum(stream.counts[name] for stream in streams) for name in _FATES},
+            "started": sum(stream.life.tracks for stream in streams),
+            "ended": sum(stream.life.ended for stream in streams),
+        }
 
     @property
     def heard(self) -> tuple[str, ...]:
@@ -180,9 +181,8 @@ class ScanTracker(Generic[State]):
             lambda row: f"kind {said[row]!r} from {self._site.sensor_ids[int(sensor[row])]!r}",
             f"the kind of its sensor's model in site {self._site.name}",
         )
-        table = np.column_stack(
-            [readings.t_s, sensor, readings.value, readings.sigma, readings.target]
-        )
+        columns = readings.t_s, sensor, readings.value, readings.sigma, readings.target
+        table = np.array(columns, np.float64).T
         rows = in_order(Rows(readings.t_s, readings.arrival_s, table), np.ones(len(table), bool))
         return cast("Iterable[tuple[float, ...]]", rows.rows.tolist())
 
