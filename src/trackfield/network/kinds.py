@@ -16,7 +16,7 @@ from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.sensing.motion_rate import MotionRateModel
 from trackfield.sensing.range import UNCALIBRATED, RangeModel
-from trackfield.sensing.rssi import RssiModel
+from trackfield.sensing.rssi import UNSURVEYED, RssiModel
 from trackfield.sensing.signal import SignalModel
 
 SensorModel = (
@@ -97,8 +97,12 @@ KINDS: Mapping[str, Kind] = {
     ),
     "rssi": Kind(
         RssiModel,
-        RssiModel(),
+        UNSURVEYED,
         Values("a strength in dBm, -200 to 100", least=-200.0, most=100.0),
+        doubts={
+            "sigma_db": ("shadow_db", "fading_db", "p_blocked", "p_outlier"),
+            "p_blocked": ("p_outlier",),
+        },
         tagged=True,
         tracked=False,
     ),

@@ -11,6 +11,7 @@ from typing import Literal
 from trackfield.errors import ConfigurationError
 from trackfield.network.channel import Channel
 from trackfield.network.energy import Energy
+from trackfield.network.fingerprints import Fingerprints
 from trackfield.network.kinds import SensorModel, kind_of
 from trackfield.raster import Region
 from trackfield.sensing.range import RangeModel
@@ -143,7 +144,8 @@ class Site:
     model and group it names in the site's file (empty: all the default model, no group);
     `sensors_file` is where the positions came from, None if they stood in the site's own file.
     `target_models` holds, for targets that were calibrated by themselves, what takes the place of
-    `models`: an error belongs to the pair of anchor and tag.
+    `models`: an error belongs to the pair of anchor and tag. `survey` is how strongly the sensors
+    heard a beacon at known places, `survey_file` where that was read.
     """
 
     name: str
@@ -166,6 +168,8 @@ class Site:
     energy: Energy = field(default_factory=Energy)
     robot: Robot = field(default_factory=Robot)
     obstacles: tuple[Obstacle, ...] = ()
+    survey: Fingerprints | None = None
+    survey_file: Path | None = None
 
 
 def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -35,10 +34,18 @@ from trackfield.network.site import (
     Target,
     TrackerSettings,
 )
+from trackfield.network.site_parts import (
+    group_problems,
+    obstacle_problems,
+    region_problems,
+    survey_of,
+    target_problems,
+)
 from trackfield.network.site_schema import SITE_FILE
 from trackfield.raster import Region
 from trackfield.sensing.detection import DetectionModel
 from trackfield.sensing.range import RangeModel
+from trackfield.sensing.rssi import RssiModel
 
 DEFAULT_MODEL = "range"
 _Table = Mapping[str, Any]
@@ -89,13 +96,16 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
     if not found:  # else a sensor may only seem to be unknown
         problems += _own_problems(sensors, document.get("models", {}), name)
     if "groups" not in faulty:
-        problems += _group_problems(sensors, document.get("groups", []), name)
-    problems += _target_problems(sensors, document.get("target", {}), name)
-    problems += _region_problems(document.get("reports", {}), name)
-    problems += _obstacle_problems(document.get("obstacles", []), name)
+        problems += group_problems(sensors, document.get("groups", []), name)
+    problems += target_problems(sensors, document.get("target", {}), name)
+    problems += region_problems(document.get("reports", {}), name)
+    problems += obstacle_problems(document.get("obstacles", []), name)
+    survey, found = survey_of(document, sensors, folder, name)
+    problems += found
     if problems:
         raise ConfigurationError(problems)
-    return _site(document, sensors, sensors_file, Path(name).stem)
+    site = _site(document, sensors, sensors_file, Path(name).stem)
+    return site if survey is None else replace(site, survey=survey[0], survey_file=survey[1])
 
 
 def _sensors_file(document: _Table) -> str | None:
@@ -178,52 +188,18 @@ def _doubt(model: SensorModel, sensor_id: str) -> str | None:
             )
         case DetectionModel(polygon=corners) if 0 < len(corners) < 3:
             return f"polygon: found {len(corners)} corners for {sensor_id!r}, expected 3 or more"
+        case RssiModel(sigma_db=all_of_it, fading_db=fading) if fading > all_of_it:
+            return (
+                f"found fading_db = {fading:g} and sigma_db = {all_of_it:g} for {sensor_id!r}, "
+                "expected no more fading than noise: it is a part of it"
+            )
+        case RssiModel(p_blocked=p, p_outlier=q) if p + q >= 1.0:
+            return (
+                f"found p_blocked = {p:g} and p_outlier = {q:g} for {sensor_id!r}, "
+                "expected less than 1 in all"
+            )
         case _:
             return None
-
-
-def _group_problems(sensors: list[Sensor], groups: list[_Table], name: str) -> Iterator[str]:
-    ids = [group["id"] for group in groups]
-    for number, group_id in enumerate(ids):
-        if group_id in ids[:number]:
-            yield f"{name}: groups[{number + 1}].id: found {group_id!r} a second time"
-    for sensor in sensors:
-        if sensor.group is not None and sensor.group not in ids:
-            yield (
-                f"{sensor.where}: group: found {sensor.group!r}, expected a group of {name}; "
-                f"{nearest(sensor.group, ids)}"
-            )
-
-
-def _target_problems(sensors: list[Sensor], target: _Table, name: str) -> Iterator[str]:
-    flat = [s.sensor_id for s in sensors if math.isnan(s.position[2])]
-    volume = target.get("dimensions") == 3
-    if volume and flat:
-        some = ", ".join(flat[:5]) + (", ..." if len(flat) > 5 else "")
-        yield f"{name}: target.dimensions: found 3, expected a z_m of every sensor; none for {some}"
-    if "height_m" in target and volume:
-        yield f"{name}: target.height_m: found with dimensions = 3, expected with 2 only"
-    elif "height_m" in target and sensors and len(flat) == len(sensors):
-        yield f"{name}: target.height_m: found {target['height_m']}, expected sensors with z_m"
-
-
-def _region_problems(reports: _Table, name: str) -> Iterator[str]:
-    region = reports.get("region")
-    if region is not None and not (region[0] < region[2] and region[1] < region[3]):
-        yield (
-            f"{name}: reports.region: found {region}, "
-            "expected [x_min, y_min, x_max, y_max] in metres, min below max"
-        )
-
-
-def _obstacle_problems(obstacles: list[_Table], name: str) -> Iterator[str]:
-    for number, obstacle in enumerate(obstacles, 1):
-        corners = obstacle["polygon"]
-        if len(corners) < 3:
-            yield (
-                f"{name}: obstacles[{number}].polygon: found {len(corners)} corners, "
-                "expected 3 or more"
-            )
 
 
 def believed(kind: str, given: _Table) -> SensorModel:

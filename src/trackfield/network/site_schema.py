@@ -103,6 +103,7 @@ _SITE = _section(
         "frame": (Literal["local"], "local"),
         "origin": (_section("Origin", _keys_of(Origin)) | None, None),
         "sensors_file": (_Name | None, None),
+        "survey_file": (_Name | None, None),
     },
 )
 SITE_FILE = _section(

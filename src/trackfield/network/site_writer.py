@@ -65,6 +65,8 @@ def site_text(site: Site, folder: Path) -> str:
         if file != site.sensors_file:
             there, _ = sensors_from_csv(read_text(file)[0], file.name)
             known = frozenset(sensor.sensor_id for sensor in there)
+    if site.survey_file is not None and _same_place(site, folder):
+        head["survey_file"] = relative_path(site.survey_file, folder)
     document["models"] = _models(site, known)
     document["target"] = _given(asdict(site.target), Target)
     document["tracker"] = _given(asdict(site.tracker), TrackerSettings)
@@ -85,6 +87,12 @@ def sensors_file_for(file: Path, folder: Path) -> Path:
     """Choose the file that a site in `folder` takes its sensors from: one beside it, or `file`."""
     beside = folder / file.name
     return beside if beside.is_file() and not beside.samefile(file) else file
+
+
+def _same_place(site: Site, folder: Path) -> bool:
+    """Tell if a site in `folder` has its sensors where `site` has them: else no survey is of it."""
+    file = site.sensors_file
+    return file is None or sensors_file_for(file, folder) == file
 
 
 def relative_path(file: Path, folder: Path) -> str:
