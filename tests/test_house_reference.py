@@ -76,6 +76,7 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "Energy": "[energy]",
     "Robot": "[robot]",
     "Obstacle": "[[obstacles]]",
+    "Room": "[[rooms]]",
 }
 # Documented by the keys of the model itself.
 TITLES = {kind: kind.title().replace("_", "") for kind in KINDS}

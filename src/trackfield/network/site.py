@@ -135,6 +135,14 @@ class Obstacle:
     polygon: tuple[tuple[float, float], ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Room:
+    """A room, for answers by room: a polygon of corners [x, y] [m]. Rooms do not overlap."""
+
+    id: str
+    polygon: tuple[tuple[float, float], ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
     """A field of sensors: names, positions (n, 3) [m] (z NaN: the plane of the targets), models.
@@ -170,6 +178,7 @@ class Site:
     obstacles: tuple[Obstacle, ...] = ()
     survey: Fingerprints | None = None
     survey_file: Path | None = None
+    rooms: tuple[Room, ...] = ()
 
 
 def range_models(site: Site, target_id: str | None = None) -> tuple[RangeModel, ...]:

@@ -29,6 +29,7 @@ from trackfield.network.site import (
     Origin,
     ReportSettings,
     Robot,
+    Room,
     SchedulingSettings,
     Site,
     Target,
@@ -38,6 +39,7 @@ from trackfield.network.site_parts import (
     group_problems,
     obstacle_problems,
     region_problems,
+    room_problems,
     survey_of,
     target_problems,
 )
@@ -100,6 +102,7 @@ def site_from_toml(text: str, folder: Path, name: str = "site.toml") -> Site:
     problems += target_problems(sensors, document.get("target", {}), name)
     problems += region_problems(document.get("reports", {}), name)
     problems += obstacle_problems(document.get("obstacles", []), name)
+    problems += room_problems(document.get("rooms", []), name)
     survey, found = survey_of(document, sensors, folder, name)
     problems += found
     if problems:
@@ -268,4 +271,5 @@ def _site(document: _Table, sensors: list[Sensor], file: Path | None, stem: str)
         energy=Energy(**document.get("energy", {})),
         robot=Robot(**document.get("robot", {})),
         obstacles=tuple(Obstacle(_fixed(one["polygon"])) for one in document.get("obstacles", [])),
+        rooms=tuple(Room(one["id"], _fixed(one["polygon"])) for one in document.get("rooms", [])),
     )

@@ -9,7 +9,9 @@ from typing import Any
 
 from trackfield.network.faults import nearest
 from trackfield.network.fingerprints import Fingerprints, fingerprints_from_csv
+from trackfield.network.rooms import room_faults
 from trackfield.network.sensors_file import Sensor, read_text
+from trackfield.network.site import Room
 
 _Table = Mapping[str, Any]
 
@@ -75,3 +77,10 @@ def obstacle_problems(obstacles: list[_Table], name: str) -> Iterator[str]:
                 f"{name}: obstacles[{number}].polygon: found {len(corners)} corners, "
                 "expected 3 or more"
             )
+
+
+def room_problems(rooms: list[_Table], name: str) -> Iterator[str]:
+    """Tell of rooms that are no polygon, come twice or overlap."""
+    listed = [Room(room["id"], tuple((x, y) for x, y in room["polygon"])) for room in rooms]
+    for number, fault in room_faults(listed):
+        yield f"{name}: rooms[{number + 1}].{fault}"

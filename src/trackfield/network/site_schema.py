@@ -25,6 +25,7 @@ from trackfield.network.site import (
     Origin,
     ReportSettings,
     Robot,
+    Room,
     SchedulingSettings,
     Target,
     TrackerSettings,
@@ -125,6 +126,7 @@ SITE_FILE = _section(
         "energy": (_section("Energy", _keys_of(Energy, section="energy")), {}),
         "robot": (_section("Robot", _keys_of(Robot, section="robot")), {}),
         "obstacles": (list[_section("Obstacle", _keys_of(Obstacle))], []),
+        "rooms": (list[_section("Room", _keys_of(Room))], []),
     },
 )
 

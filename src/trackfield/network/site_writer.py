@@ -77,6 +77,7 @@ def site_text(site: Site, folder: Path) -> str:
     document["energy"] = _given(asdict(site.energy), Energy)
     document["robot"] = _given(asdict(site.robot), Robot)
     document["obstacles"] = [asdict(obstacle) for obstacle in site.obstacles]
+    document["rooms"] = [asdict(room) for room in site.rooms]
     document["groups"] = [_given(asdict(group), Group) for group in site.groups]
     # An empty [reports] says that no sensors are needed, an empty [network] that there is one.
     said = {"network"} if site.sensor_ids else {"network", "reports"}
