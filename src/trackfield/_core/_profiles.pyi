@@ -1,0 +1,10 @@
+from trackfield.types import Matrix, Vector
+
+def fit(
+    times: Matrix,
+    values: Matrix,
+    columns: list[Vector],
+    limits: Matrix,
+    rayleigh: bool,
+    out: Matrix,
+) -> None: ...

@@ -1,0 +1,189 @@
+"""What a sensor makes of one pass: maximum-likelihood profiles, how good they are, and if at all.
+
+Berger (15), (41), bounded, from starts that need no luck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from trackfield._core import _profiles
+from trackfield.errors import InputError
+from trackfield.sensing.amplitude import AmplitudeModels, for_samples
+from trackfield.sensing.amplitude_likelihood import misfit
+from trackfield.sensing.profile import Profile, expected, information
+from trackfield.types import Indices, Matrix, Vector
+
+LEAST_SAMPLES = 4  # three numbers, and one sample to contradict them
+EMPTY_GAIN = (
+    8.0  # in log-likelihood over nothing at all: noise gains so much in under 1 % of records
+)
+FLAT_GAIN = 5.0  # the same over a constant amplitude
+MISFIT_SIGMAS = 4.0  # by which the squared residuals of a pass may exceed their mean
+
+
+class Quality(IntEnum):
+    """What a fitted profile is worth; `QUALITY_REASONS` says it in words."""
+
+    GOOD = 0
+    CLIPPED = 1
+    NOT_PASSED = 2
+    MISFIT = 3
+    FLAT = 4
+    NOT_CONVERGED = 5
+    EMPTY = 6
+    TOO_FEW = 7
+
+
+QUALITY_REASONS: Mapping[Quality, str] = {
+    Quality.GOOD: "The samples follow a pass.",
+    Quality.CLIPPED: "Some samples stand at the saturation: it was at least so strong.",
+    Quality.NOT_PASSED: "The closest approach is before the record or after it.",
+    Quality.MISFIT: "The samples follow no straight pass of one source.",
+    Quality.FLAT: "The amplitude does not change enough to tell when anything passed.",
+    Quality.NOT_CONVERGED: "The search for the likeliest profile did not end.",
+    Quality.EMPTY: "Nothing is heard above the noise.",
+    Quality.TOO_FEW: "There are fewer samples than a profile needs.",
+}
+
+
+class FitLimits(NamedTuple):
+    """Where a profile is searched.
+
+    `t_max_s` at most `margin` times the record's length beyond it; `width_s` from `narrowest` times
+    the time between samples to `widest` times the record's length. Beyond the record amplitude and
+    width cannot be told apart, so there a width is at least a quarter of the time to the record.
+    """
+
+    margin: float = 0.5
+    narrowest: float = 0.25
+    widest: float = 4.0
+
+
+LIMITS = FitLimits()
+
+
+class ProfileFit(NamedTuple):
+    """Likeliest profiles (...) of records, with their Fisher information (..., 3, 3) there.
+
+    `log_likelihood` (...) is that of the profile, `gain` (...) by how much it exceeds that of
+    nothing at all, `gain_of_change` (...) that of the best constant amplitude. `quality` (...)
+    holds `Quality`; whatever it is, all numbers are finite.
+    """
+
+    profile: Profile
+    information: Matrix
+    log_likelihood: Vector
+    gain: Vector
+    gain_of_change: Vector
+    quality: Indices
+
+
+def fit(
+    models: AmplitudeModels, t_s: Matrix, values: Matrix, *, limits: FitLimits = LIMITS
+) -> ProfileFit:
+    """Find the likeliest profiles of records `values` (..., m) at times `t_s` (m,) or (..., m) [s].
+
+    Columns of `models` are of the last leading axis. The starts are the best of a grid of times and
+    widths, on which the amplitude is fitted exactly, its best rival, and the paper's (largest
+    sample, and the one nearest to half of it); damped Fisher scoring follows, within `limits`.
+    Times must rise. Without fading amplitudes may be negative, as noise is. `InputError` for what
+    is no record.
+    """
+    times, records = _checked(t_s, values)
+    columns = [
+        _column(getattr(models, name), values.shape[:-1], name)
+        for name in ("exponent", "sigma", "saturation")
+    ]
+    misfit(for_samples(models), values, mean=np.zeros(values.shape))  # refuses what cannot be
+    rows, m = records.shape
+    found = np.zeros((rows, 8))
+    if m >= LEAST_SAMPLES:
+        fades = models.fading == "rayleigh"
+        _profiles.fit(times, records, columns, _bounds(times, rows, limits), fades, found)
+    else:
+        found[:] = _untold(times, records)
+    return _judged(models, t_s, values, found.reshape(*values.shape[:-1], 8))
+
+
+def _judged(models: AmplitudeModels, t_s: Matrix, values: Matrix, found: Matrix) -> ProfileFit:
+    """Say what the rows (..., 8) of the search are worth."""
+    a, t_max, width, cost, nothing, constant, _, converged = np.moveaxis(found, -1, 0)
+    profile = Profile(a, t_max, width)
+    mean = expected(profile, t_s, exponent=models.exponent)
+    own = for_samples(models)
+    clipped = np.asarray(values >= own.saturation)
+    m = values.shape[-1]
+    first, last = np.min(t_s, axis=-1), np.max(t_s, axis=-1)
+    saturated = clipped.any(axis=-1)
+
+    quality = np.where(saturated, Quality.CLIPPED, Quality.GOOD)
+    quality = np.where((t_max < first) | (t_max > last), Quality.NOT_PASSED, quality)
+    if models.fading == "none":
+        off = np.sum(np.where(clipped, 1.0, np.square((values - mean) / own.sigma)), axis=-1)
+        too_far = off > m + MISFIT_SIGMAS * np.sqrt(2.0 * m)
+        quality = np.where(too_far, Quality.MISFIT, quality)
+    flat = np.where(saturated, Quality.CLIPPED, Quality.FLAT)
+    quality = np.where(constant - cost < FLAT_GAIN, flat, quality)
+    quality = np.where(converged == 0.0, Quality.NOT_CONVERGED, quality)
+    quality = np.where(nothing - cost < EMPTY_GAIN + np.log(m), Quality.EMPTY, quality)
+    if m < LEAST_SAMPLES:
+        quality = np.full_like(quality, Quality.TOO_FEW)
+        cost = misfit(own, values, mean=mean).cost.sum(axis=-1)
+        nothing = constant = cost
+    J = information(profile, t_s, models)
+    return ProfileFit(profile, J, -cost, nothing - cost, constant - cost, quality.astype(np.int32))
+
+
+def _checked(t_s: Matrix, values: Matrix) -> tuple[Matrix, Matrix]:
+    """Return times (1 or b, m) and records (b, m)."""
+    m = values.shape[-1] if values.ndim else 0
+    if m == 0 or t_s.shape not in {(m,), values.shape}:
+        raise InputError(
+            f"times of shape {t_s.shape} and amplitudes of shape {values.shape}: "
+            "expected (m,) or (..., m), and (..., m), m > 0"
+        )
+    steps = np.diff(t_s, axis=-1)
+    if not np.isfinite(t_s).all() or not (steps > 0.0).all():
+        raise InputError(
+            "times of samples: found some that do not rise, expected each once, in order"
+        )
+    return (
+        np.ascontiguousarray(t_s.reshape(-1, m), np.float64),
+        np.ascontiguousarray(values.reshape(-1, m), np.float64),
+    )
+
+
+def _bounds(times: Matrix, rows: int, limits: FitLimits) -> Matrix:
+    """Earliest and latest time, narrowest and widest width, (rows, 4) [s]."""
+    first, last = times[:, 0], times[:, -1]
+    length, step = last - first, np.median(np.diff(times, axis=1), axis=1)
+    narrowest, widest = limits.narrowest * step, limits.widest * length
+    if not (limits.margin >= 0.0 and limits.narrowest > 0.0 and (narrowest < widest).all()):
+        raise InputError(f"limits of a fit: found {limits}, expected some room between them")
+    beyond = limits.margin * length
+    bounds = np.stack([first - beyond, last + beyond, narrowest, widest], axis=1)
+    return np.ascontiguousarray(np.broadcast_to(bounds, (rows, 4)))
+
+
+def _column(value: float | Vector, shape: tuple[int, ...], name: str) -> Vector:
+    if not (np.asarray(value) > 0.0).all():
+        raise InputError(f"{name}: found {value}, expected more than 0")
+    return np.ascontiguousarray(np.broadcast_to(value, shape).reshape(-1), np.float64)
+
+
+def _untold(times: Matrix, records: Matrix) -> Matrix:
+    """Rows (b, 8) that hold the largest sample, where there are too few."""
+    top = np.asarray(records.argmax(axis=1), np.intp)
+    times = np.broadcast_to(times, records.shape)
+    every = np.arange(len(records))
+    length = times[:, -1] - times[:, 0]
+    out = np.zeros((len(records), 8))
+    out[:, 0] = np.maximum(records[every, top], 0.0)
+    out[:, 1] = times[every, top]
+    out[:, 2] = np.where(length > 0.0, length, 1.0)
+    return out
