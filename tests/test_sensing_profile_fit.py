@@ -85,7 +85,7 @@ def test_at_the_fit_the_score_is_zero_and_the_numbers_are_those_of_the_profile(m
     values = drawn(model, some(rng, 40), T, rng)
     found = fit(model, T, values)
     inside = (found.quality <= Quality.CLIPPED) & (found.profile.width_s > 0.3)
-    inside &= found.profile.a_max < 20.0  # within all limits
+    inside &= (found.profile.a_max < 20.0) & (np.abs(found.profile.t_max_s - 12.0) < 12.0)
     assert inside.sum() > 15
     mean = profile.expected(found.profile, T, exponent=model.exponent)
     G = profile.gradient(found.profile, T, exponent=model.exponent)
