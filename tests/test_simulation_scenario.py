@@ -134,7 +134,7 @@ def test_the_network_carries_readings_of_detections_and_reports_of_signals():
             "duration_s = 1\nregion = [0, 0, 1, 0]\n[reports]\n",
             "region: found [0.0, 0.0, 1.0, 0.0]",
         ),
-        (HEAD, "found nothing that is sensed, expected one of [signal], [detection], [range], "),
+        (HEAD, "found nothing that is sensed, expected one of [range], [signal], [detection], "),
         (DETECTION + "[reports]\n", "found [detection] and [reports], expected one of"),
         (HEAD + "[detection]\n", "sensors: found nothing, expected [sensors] for [detection]"),
         (REPORTS + "[network]\n", "sensors: found nothing, expected [sensors] for [network]"),
@@ -303,7 +303,7 @@ def test_a_fault_that_cannot_be_is_refused(keys, told):
 def test_faults_that_need_another_kind_of_sensing_are_refused():
     stuck = "[sensors]\n[[faults]]\nkind = 'stuck'\ncount = 1\n"
     (problem,) = faults(REPORTS + stuck)
-    assert "found 'stuck' without [signal] or [detection]" in problem
+    assert "found 'stuck' without [signal], [detection] or [amplitude]" in problem
     (problem,) = faults(HEAD + "[sensors]\n[signal]\n[[faults]]\nkind = 'burst'\n")
     assert "found 'burst' without [reports] or [detection]" in problem
     (problem,) = faults(REPORTS + "[[faults]]\nkind = 'silent'\ngroup = 'a'\n")
@@ -353,6 +353,12 @@ SECTIONS = {  # of the page, by the names that the tables have in the schema
     "SignalModel": "[signal]",
     "DetectionModel": "[detection]",
     "RangeModel": "[range]",
+    "RssiModel": "[rssi]",
+    "BearingModel": "[bearing]",
+    "AngularRateModel": "[angular_rate]",
+    "MotionRateModel": "[motion]",
+    "AmplitudeModel": "[amplitude]",
+    "EnergyMessageModel": "[energy_message]",
     "Reports": "[reports]",
     "Party": "[[targets]]",
     "Group": "[[groups]]",

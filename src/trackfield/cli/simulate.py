@@ -110,7 +110,7 @@ def columns_of(world: World, name: str) -> tuple[str, ...]:
 
     is_readings = name == "measurements.csv"
     names = COLUMNS[name]
-    if world.scenario.range is not None:
+    if world.scenario.tagged:
         names = (*names, "target_id")
     if tells_arrivals(world, "readings" if is_readings else "reports"):
         names = (*names, "arrival_s")

@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from trackfield.errors import StateError
 from trackfield.filtering.scans import ScanFilter, State
-from trackfield.pipeline.scan_stream import Life, Moment, Said, ScanStream
+from trackfield.pipeline.scan_stream import Said, ScanStream, StreamLife, StreamMoment
 
 _Plain = list[Any]
 
@@ -38,14 +38,14 @@ def unpack_into(stream: ScanStream[State], data: bytes, model: ScanFilter[State]
     try:
         (size,) = struct.unpack_from("<I", data)
         head = cast("Mapping[str, Any]", json.loads(data[4 : 4 + size]))
-        at, lives = 4 + size, list[Life[State]]()
+        at, lives = 4 + size, list[StreamLife[State]]()
         for plain, length in zip(head["lives"], head["sizes"], strict=True):
-            lives.append(Life(model.unpack(data[at : at + length]), *plain))
+            lives.append(StreamLife(model.unpack(data[at : at + length]), *plain))
             at += length
         if at != len(data):
             raise StateError("found a snapshot that is longer or shorter than its contents")
         history = [
-            Moment(t_s, _said(plain), life, due)
+            StreamMoment(t_s, _said(plain), life, due)
             for (t_s, plain, due), life in zip(head["moments"], lives[1:], strict=True)
         ]
         stream.open_s, stream.open = head["open"][0], _said(head["open"][1])

@@ -38,7 +38,7 @@ class Said(NamedTuple):
     sigma: float
 
 
-class Life(NamedTuple, Generic[State]):
+class StreamLife(NamedTuple, Generic[State]):
     """All that a target's future depends on."""
 
     state: State
@@ -49,16 +49,16 @@ class Life(NamedTuple, Generic[State]):
     row_s: float = -math.inf  # of its last row
 
 
-class Moment(NamedTuple, Generic[State]):
+class StreamMoment(NamedTuple, Generic[State]):
     """A scan, by sensor, and what is believed after it; `due` rows still wait for their lag."""
 
     t_s: float
     said: Mapping[int, Said]
-    life: Life[State]
+    life: StreamLife[State]
     due: bool = False
 
 
-class Told(NamedTuple):
+class ToldRow(NamedTuple):
     """A row of a target's track; `track` counts the target's own from 1."""
 
     track: int
@@ -74,14 +74,16 @@ class ScanStream(Generic[State]):
 
     def __init__(self, model: ScanFilter[State], rules: StreamRules) -> None:
         self._filter, self._rules = model, rules
-        self.life = Life(model.start())
-        self.history = [Moment(-math.inf, {}, self.life)]  # the first is what replays start from
+        self.life = StreamLife(model.start())
+        self.history = [
+            StreamMoment(-math.inf, {}, self.life)
+        ]  # the first is what replays start from
         self.open_s, self.open = -math.inf, dict[int, Said]()  # the scan that may still grow
         self.dirty_s = math.inf  # the earliest late reading that is not replayed yet
         self.told_s = -math.inf  # rows up to here are told
         self.counts = Counter[str]()
 
-    def add(self, t_s: float, sensor: int, *, said: Said) -> list[Told]:
+    def add(self, t_s: float, sensor: int, *, said: Said) -> list[ToldRow]:
         """Take a reading; the rows that are settled by it."""
         newest = self.open_s if self.open else self.life.t_s
         if t_s > newest:
@@ -102,9 +104,9 @@ class ScanStream(Generic[State]):
         self._put_late(t_s, sensor, said)
         return []
 
-    def advance(self, watermark_s: float) -> list[Told]:
+    def advance(self, watermark_s: float) -> list[ToldRow]:
         """Close what no reading will join; tell of a silent target, and that its track ends."""
-        rows: list[Told] = []
+        rows: list[ToldRow] = []
         if self.open and self.open_s <= watermark_s:
             rows += self._close()
         elif self.dirty_s < math.inf:
@@ -114,7 +116,7 @@ class ScanStream(Generic[State]):
             rows += self._end(len(self.history))
         return rows
 
-    def finish(self) -> list[Told]:
+    def finish(self) -> list[ToldRow]:
         """Close the last scan and tell all rows that wait."""
         return self._close() + self._flush(len(self.history), every=True)
 
@@ -122,7 +124,7 @@ class ScanStream(Generic[State]):
         place = bisect_left(self.history, t_s, key=_time)
         there = self.history[place] if place < len(self.history) else None
         if there is None or there.t_s != t_s:
-            self.history.insert(place, Moment(t_s, {sensor: said}, self.life))
+            self.history.insert(place, StreamMoment(t_s, {sensor: said}, self.life))
         elif sensor in there.said:
             self.counts["duplicate"] += 1
             return
@@ -131,17 +133,17 @@ class ScanStream(Generic[State]):
         self.counts["accepted"] += 1
         self.dirty_s = min(self.dirty_s, t_s)
 
-    def _close(self) -> list[Told]:
+    def _close(self) -> list[ToldRow]:
         rows = self._replay() if self.dirty_s < math.inf else []
         if not self.open:
             return rows
-        self.history.append(Moment(self.open_s, self.open, self.life))
+        self.history.append(StreamMoment(self.open_s, self.open, self.life))
         self.open = {}
         rows += self._apply(len(self.history) - 1)
         self._forget()
         return rows
 
-    def _replay(self) -> list[Told]:
+    def _replay(self) -> list[ToldRow]:
         """Go back to before the earliest late reading, and take all scans since then again."""
         self.counts["rewound"] += 1
         first = bisect_left(self.history, self.dirty_s, key=_time)
@@ -149,7 +151,7 @@ class ScanStream(Generic[State]):
         self.life = self.history[first - 1].life
         return [row for place in range(first, len(self.history)) for row in self._apply(place)]
 
-    def _apply(self, place: int) -> list[Told]:
+    def _apply(self, place: int) -> list[ToldRow]:
         """Condition on the scan at a place of the history; all before it have been."""
         t_s, said = self.history[place][:2]
         rows = self._coast(t_s)
@@ -162,7 +164,7 @@ class ScanStream(Generic[State]):
             rows += self._flush(place, every=True)
             rows += [] if shown is None else self._tell(shown)
         due = alive and t_s >= self.life.row_s + self._rules.every_s - _SLACK_S
-        self.life = Life(
+        self.life = StreamLife(
             state,
             t_s,
             on=alive,
@@ -170,17 +172,17 @@ class ScanStream(Generic[State]):
             ended=self.life.ended + (self.life.on and not alive),
             row_s=t_s if due else self.life.row_s,
         )
-        self.history[place] = Moment(t_s, said, self.life, due and self._rules.lags)
+        self.history[place] = StreamMoment(t_s, said, self.life, due and self._rules.lags)
         if self._rules.lags:
             return rows + self._flush(place + 1)
         return rows + (self._tell(shown) if due and shown is not None else [])
 
-    def _coast(self, until_s: float) -> list[Told]:
+    def _coast(self, until_s: float) -> list[ToldRow]:
         """Tell where a silent target should be, every so often, as long as its track lasts."""
         every_s, life = self._rules.every_s, self.life
         if self._rules.lags or every_s <= 0.0 or not life.on:
             return []
-        rows: list[Told] = []
+        rows: list[ToldRow] = []
         stop_s = min(until_s, life.t_s + self._rules.drop_s)
         while life.row_s + max(2.0 * every_s, 1.0) <= stop_s:
             life = life._replace(row_s=life.row_s + every_s)
@@ -193,9 +195,9 @@ class ScanStream(Generic[State]):
         self.life = life
         return rows
 
-    def _end(self, place: int) -> list[Told]:
+    def _end(self, place: int) -> list[ToldRow]:
         """End what has been silent for too long, where it would be then; begin anew."""
-        life, rows = self.life, list[Told]()
+        life, rows = self.life, list[ToldRow]()
         if life.on:
             rows += self._flush(place, every=True)
             shown = self._filter.shown(life.state, life.t_s + self._rules.drop_s)
@@ -206,9 +208,9 @@ class ScanStream(Generic[State]):
         )
         return rows
 
-    def _flush(self, end: int, *, every: bool = False) -> list[Told]:
+    def _flush(self, end: int, *, every: bool = False) -> list[ToldRow]:
         """Tell the rows that have waited long enough, or every one, by what came before `end`."""
-        rows: list[Told] = []
+        rows: list[ToldRow] = []
         first = bisect_right(self.history, self.told_s, key=_time) if self._rules.lags else end
         for place in range(first, end):
             moment = self.history[place]
@@ -229,12 +231,12 @@ class ScanStream(Generic[State]):
         waited_s = self.history[last].t_s - self.history[place].t_s
         return waited_s >= self._rules.lag_s - _SLACK_S
 
-    def _tell(self, shown: Shown, track: int | None = None) -> list[Told]:
+    def _tell(self, shown: Shown, track: int | None = None) -> list[ToldRow]:
         """One row, of the present track unless told; none where later ones are told already."""
         if shown.t_s <= self.told_s:
             return []
         self.told_s = shown.t_s
-        return [Told(self.life.tracks if track is None else track, shown)]
+        return [ToldRow(self.life.tracks if track is None else track, shown)]
 
     def _forget(self) -> None:
         """Keep one state from before the window, and those of rows that wait for their lag."""
@@ -244,7 +246,7 @@ class ScanStream(Generic[State]):
         del self.history[: next(waits, before)]
 
 
-def _time(moment: Moment[State]) -> float:
+def _time(moment: StreamMoment[State]) -> float:
     return moment.t_s
 
 

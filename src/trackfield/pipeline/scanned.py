@@ -18,7 +18,7 @@ from trackfield.network.site import Site
 from trackfield.pipeline.intake import Rows, in_order, refuse, require_finite, site_sensors
 from trackfield.pipeline.lags import require_lags
 from trackfield.pipeline.scan_archive import pack_stream, unpack_into
-from trackfield.pipeline.scan_stream import Said, ScanStream, StreamRules, Told
+from trackfield.pipeline.scan_stream import Said, ScanStream, StreamRules, ToldRow
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.tagged import Run, sort_rows
 from trackfield.pipeline.tagged_rows import ANONYMOUS, Numbering, TargetRow
@@ -164,7 +164,7 @@ class ScanTracker(Generic[State]):
             self._streams.append(ScanStream(self._filter_of(name), self._rules))
         return target
 
-    def _rows(self, target: int, told: list[Told]) -> list[TargetRow]:
+    def _rows(self, target: int, told: list[ToldRow]) -> list[TargetRow]:
         return [
             TargetRow(target, self._numbering.track(target, one.track), one.shown) for one in told
         ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from trackfield.errors import ConfigurationError
 from trackfield.network.channel import Channel
+from trackfield.network.kinds import SensorModel
 from trackfield.network.layouts import Lattice, lattice, lattice_count, random_places
 from trackfield.network.topology import Network, Routes, lay_out, misplaced
 from trackfield.raster import Region
@@ -65,6 +66,12 @@ def sensor_count(scenario: Scenario) -> int:
 def sensor_names(count: int) -> tuple[str, ...]:
     """Names of sensors: s0, s1, ..."""
     return tuple(f"s{i}" for i in range(count))
+
+
+def models_in_turn(scenario: Scenario) -> tuple[SensorModel, ...]:
+    """Model of each sensor: of several kinds, they have one after the other in turn."""
+    every = tuple(scenario.models.values())
+    return tuple(every[i % len(every)] for i in range(sensor_count(scenario))) if every else ()
 
 
 def _places(scenario: Scenario, rng: np.random.Generator) -> Matrix:

@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from trackfield.errors import InputError
 from trackfield.network.detection_by_age import leaders_at
 from trackfield.network.passage import Passed, Sent, in_order, pass_readings, pass_reports
-from trackfield.simulation import sensed
+from trackfield.simulation import sensed, sources
 from trackfield.simulation.faults import struck
 from trackfield.simulation.fused import fuse, loud_from
-from trackfield.simulation.ranged import Ranged, draw_ranges, ranges_of
 from trackfield.simulation.scenario import Carried, Scenario
 from trackfield.simulation.sensed import Loudness, Steps
+from trackfield.simulation.tags import Drawn, draw_tagged, readings_of
 from trackfield.simulation.world import World, stream
-from trackfield.types import Indices, Matrix, Readings, Reports, join_rows, select_rows
+from trackfield.types import Indices, Matrix, Readings, Reports, Vector, join_rows, select_rows
 
+_Kept = Loudness | Drawn | Vector | None  # what stays alike through a run
 _PIECE = 400_000  # sensors times targets times steps, at most, that are worked on at once
 _PIECE_STEPS = 1000
 
@@ -90,7 +91,7 @@ def carry_reports(
     if network_carries(world.scenario, "reports"):
         region = world.scenario.area
         told, passed = pass_reports(told, nodes, rng, region=region, origin=node, sent_s=sent.t_s)
-    elif _clocks_jump(world):
+    elif _clocks_err(world):
         told = replace(told, arrival_s=sent.t_s)
     return told, passed._replace(silent=int(silent.sum()))
 
@@ -102,11 +103,11 @@ def network_carries(scenario: Scenario, what: Carried) -> bool:
 
 def tells_arrivals(world: World, what: Carried) -> bool:
     """Tell whether readings, or reports, that are heard have an `arrival_s`."""
-    return network_carries(world.scenario, what) or _clocks_jump(world)
+    return network_carries(world.scenario, what) or _clocks_err(world)
 
 
 def _readings(world: World, listening: Listening | None) -> Iterator[Heard[Readings]]:
-    scenario, kept = world.scenario, _kept(world)
+    scenario, kept, ahead_s = world.scenario, _kept(world), sources.clocks(world)
     sensing, network = stream(world.seed, "sensing"), stream(world.seed, "network")
     for steps, until_s in _pieces(world, listening):
         table = _spoken(world, steps, kept, sensing)
@@ -115,11 +116,11 @@ def _readings(world: World, listening: Listening | None) -> Iterator[Heard[Readi
         silent = struck("silent", world.strikes, table.t_s, table.sensor) > 0.0
         table = select_rows(table, ~silent)
         off = struck("clock_jump", world.strikes, table.t_s, table.sensor)
-        told, sent_s = replace(table, t_s=table.t_s + off), table.t_s
+        told, sent_s = replace(table, t_s=table.t_s + off + ahead_s[table.sensor]), table.t_s
         passed = Passed(sent=len(told))
         if network_carries(scenario, "readings"):
             told, passed = pass_readings(told, world.deployment.network, network, sent_s=sent_s)
-        elif _clocks_jump(world):
+        elif _clocks_err(world):
             told = replace(told, arrival_s=sent_s)
         passed = passed._replace(silent=int(silent.sum()))
         yield Heard(told, passed, until_s)
@@ -144,25 +145,23 @@ def _reports(world: World, listening: Listening | None) -> Iterator[Heard[Report
         yield Heard(told, passed, until_s)
 
 
-def _spoken(
-    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
-) -> Readings:
+def _spoken(world: World, steps: Steps, kept: _Kept, rng: np.random.Generator) -> Readings:
     """Draw what sensors say in some steps, before anything happens to it."""
     scenario = world.scenario
-    if isinstance(kept, Ranged):
-        return ranges_of(kept, world.deployment, steps)
+    if isinstance(kept, Drawn):
+        return readings_of(kept, world.deployment, steps)
     values = _values(world, steps, kept, rng)
     if scenario.detection is not None:
         # Silence is not said, but where it would be taken for sleep.
         said, kind = (values > 0.0) | (scenario.scheduling is not None), "detection"
+    elif scenario.amplitude is not None:
+        said, kind = np.ones(values.shape, np.bool_), "amplitude"
     else:
         said, kind = values >= loud_from(scenario), "signal"
     return sensed.as_readings(values, said, world.deployment, steps=steps, kind=kind)
 
 
-def _values(
-    world: World, steps: Steps, kept: Loudness | Ranged | None, rng: np.random.Generator
-) -> Matrix:
+def _values(world: World, steps: Steps, kept: _Kept, rng: np.random.Generator) -> Matrix:
     """Draw what sensors measure in some steps, (m, n)."""
     scenario, deployment = world.scenario, world.deployment
     if scenario.detection is not None:
@@ -171,21 +170,22 @@ def _values(
         )
     elif scenario.signal is not None and isinstance(kept, Loudness):
         values = sensed.signals(scenario.signal, deployment, steps, kept=kept, rng=rng)
+    elif scenario.amplitude is not None and isinstance(kept, np.ndarray):
+        values = sources.amplitudes(scenario.amplitude, deployment, steps, level=kept, rng=rng)
     else:
         raise InputError("found a scenario that gives reports, expected sensors that give readings")
     return sensed.stuck_values(values, world.strikes, steps)
 
 
-def _kept(world: World) -> Loudness | Ranged | None:
-    """Draw what belongs to a run as a whole: errors that stay, and ranges."""
+def _kept(world: World) -> _Kept:
+    """Draw what belongs to a run as a whole: errors and levels that stay, and what tags say."""
     scenario, deployment, truth = world.scenario, world.deployment, world.truth
-    if scenario.range is not None:
-        rng = stream(world.seed, "sensing")
-        return draw_ranges(scenario.range, deployment, truth, rng=rng)
+    if scenario.tagged:
+        return draw_tagged(scenario, deployment, truth, rng=stream(world.seed, "sensing"))
     if scenario.signal is not None:
         rng = stream(world.seed, "errors")
         return sensed.loudness(scenario.signal, deployment, len(truth.target_ids), rng)
-    return None
+    return None if scenario.amplitude is None else sources.levels(world)
 
 
 def _pieces(world: World, listening: Listening | None) -> Iterator[tuple[Steps, float]]:
@@ -213,8 +213,9 @@ def _all_steps(world: World) -> Iterator[Steps]:
         yield sensed.steps_of(scenario, world.truth, first, min(first + some, scenario.steps))
 
 
-def _clocks_jump(world: World) -> bool:
-    return any(one.fault.kind == "clock_jump" for one in world.strikes)
+def _clocks_err(world: World) -> bool:
+    jump = any(one.fault.kind == "clock_jump" for one in world.strikes)
+    return jump or sources.clocks_differ(world.scenario)
 
 
 def _in_time(sent: Iterator[Heard[Sent]]) -> Iterator[Heard[Sent]]:

@@ -14,6 +14,7 @@ from trackfield.simulation.game import starts, vehicle_of
 from trackfield.simulation.scenario import Pursuit, Scenario
 
 _MOST = 200  # pursuers
+_SEEN = {"signal", "detection"}  # kinds by which targets without a name are seen in time
 _KEYS = {  # that concern some vehicles only
     "thrust_m_s2": {"thruster"},
     "error_m_s2": {"thruster"},
@@ -40,8 +41,8 @@ def pursuit_problems(scenario: Scenario) -> Iterator[str]:
             if getattr(scenario, name):
                 yield f"{name}: found without [pursuit], expected who chases the targets"
         return
-    if scenario.range is not None:
-        yield "pursuit: found with [range], expected targets that carry no tags"
+    for kind in sorted({*scenario.models} - _SEEN):
+        yield f"pursuit: found with [{kind}], expected [signal], [detection] or [reports]"
     if scenario.scheduling is not None:
         yield "pursuit: found with [scheduling], expected sensors that measure all the time"
     if not 0 < len(scenario.pursuers) <= _MOST:

@@ -14,11 +14,18 @@ from pydantic import ConfigDict, Field
 
 from trackfield.network.channel import Channel
 from trackfield.network.energy import Energy
+from trackfield.network.kinds import KINDS, SensorModel
 from trackfield.network.site import Group, SchedulingSettings
 from trackfield.pursuit.assignment import Objective
 from trackfield.raster import Region
+from trackfield.sensing.amplitude import AmplitudeModel
+from trackfield.sensing.angular_rate import AngularRateModel
+from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
+from trackfield.sensing.motion_rate import MotionRateModel
 from trackfield.sensing.range import RangeModel
+from trackfield.sensing.rssi import RssiModel
 from trackfield.sensing.signal import SignalModel
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -35,6 +42,7 @@ Motion = Literal["random", "walk", "crossing", "row"]
 FaultKind = Literal["silent", "burst", "clock_jump", "stuck"]
 Carried = Literal["readings", "reports"]
 Fusion = Literal["fit", "centroid"]
+MIXED = ("bearing", "angular_rate", "motion")  # kinds that may stand in one field
 VehicleKind = Literal["thruster", "runner", "car"]
 Sight = Literal["tracks", "exact"]
 
@@ -102,6 +110,7 @@ class Party:
     heading_deg: Number = 0.0
     spacing_m: Positive = 1.0
     evade_m_s2: NotNegative = 0.0  # thrust, per axis, by which they flee from pursuers, Oh (10)
+    level: Positive = 1.0  # amplitude at 1 m of the source that each of them is
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,12 +187,16 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A world to simulate; one of `signal`, `detection`, `range`, `reports` says what is sensed.
+    """A world to simulate; one section says what is sensed.
+
+    That is one of `signal`, `detection`, `range`, `rssi`, `bearing`, `angular_rate`, `motion`,
+    `amplitude`, `energy_message`, `reports`; but cameras, turn rates and motion (`MIXED`) may stand
+    in one field, where sensors are of these kinds in turn. Ranges, strengths of beacons and those
+    three name their target. Amplitudes of several targets add up as energies do.
 
     Steps are at 0, step_s, 2 step_s, ... before `duration_s`. The network carries `readings`, or
     the `reports` that are made of them beside the sensors; if not said, reports where signals are
-    sensed (they are fused where they are heard) or reports are given, else readings. Ranges name
-    their target, who carries a tag. With `fusion`,
+    sensed (they are fused where they are heard) or reports are given, else readings. With `fusion`,
     signals become reports, by a maximum-likelihood fit or by the centroid of Oh (12). With
     `scheduling`, sensors say what they measure only while they are told to sense, in closed loop
     with a tracker; `energy` is what they spend. With `pursuit`, `pursuers` chase the targets.
@@ -200,6 +213,12 @@ class Scenario:
     signal: SignalModel | None = None
     detection: DetectionModel | None = None
     range: RangeModel | None = None
+    rssi: RssiModel | None = None
+    bearing: BearingModel | None = None
+    angular_rate: AngularRateModel | None = None
+    motion: MotionRateModel | None = None
+    amplitude: AmplitudeModel | None = None
+    energy_message: EnergyMessageModel | None = None
     reports: Reports | None = None
     targets: tuple[Party, ...] = ()
     groups: tuple[Group, ...] = ()
@@ -224,8 +243,19 @@ class Scenario:
         return max(1, math.ceil(self.duration_s / self.step_s - 1e-9))
 
     @property
+    def models(self) -> dict[str, SensorModel]:
+        """Models of the sensors by kind; several kinds are those of sensors in turn."""
+        found = {kind: getattr(self, kind) for kind in KINDS}
+        return {kind: model for kind, model in found.items() if model is not None}
+
+    @property
+    def tagged(self) -> dict[str, SensorModel]:
+        """Those of the models whose readings name their target."""
+        return {kind: model for kind, model in self.models.items() if KINDS[kind].tagged}
+
+    @property
     def carried(self) -> Carried:
         """What the network carries."""
         if self.carries is not None:
             return self.carries
-        return "reports" if self.range is None and self.detection is None else "readings"
+        return "readings" if self.signal is None and self.reports is None else "reports"

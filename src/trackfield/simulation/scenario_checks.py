@@ -11,26 +11,23 @@ from typing import Any, cast
 from trackfield.network.bounds import bound
 from trackfield.network.channel import Channel
 from trackfield.network.energy import Energy
+from trackfield.network.kinds import KINDS
 from trackfield.network.site import Group, SchedulingSettings
-from trackfield.sensing.detection import DetectionModel
-from trackfield.sensing.range import RangeModel
-from trackfield.sensing.signal import SignalModel
 from trackfield.simulation.deployment import sensor_count, sensor_names
 from trackfield.simulation.pursuit_checks import pursuit_problems
-from trackfield.simulation.scenario import Fault, Party, Scenario, Sensors
+from trackfield.simulation.scenario import MIXED, Fault, Party, Scenario, Sensors
 
 _PATH = tuple[str | int, ...]
 _BORROWED = {  # sections whose classes say no bounds; those of a site's keys hold
+    **{name: kind.parameters for name, kind in KINDS.items()},
     "network": Channel,
-    "signal": SignalModel,
-    "detection": DetectionModel,
-    "range": RangeModel,
     "groups": Group,
     "scheduling": SchedulingSettings,
     "energy": Energy,
 }
 _OWN_BOUNDS = ("scheduling", "energy")  # sections whose keys may have other bounds than elsewhere
-_KINDS = ("signal", "detection", "range", "reports")
+_LOOPED = ("signal", "detection", "range")  # kinds that a closed loop is made of
+_SENSED = (*KINDS, "reports")
 _MOTION_KEYS = {  # of a party, those that concern some motions only
     "accel_sigma_m_s2": {"random", "crossing", "row"},
     "inset_m": {"random", "walk"},
@@ -117,11 +114,13 @@ def contradictions(scenario: Scenario) -> Iterator[str]:
 
 
 def _sensing(scenario: Scenario) -> Iterator[str]:
-    kinds = [kind for kind in _KINDS if getattr(scenario, kind) is not None]
-    if len(kinds) != 1:
+    kinds = [kind for kind in _SENSED if getattr(scenario, kind) is not None]
+    if len(kinds) != 1 and not (kinds and set(kinds) <= set(MIXED)):
         found = " and ".join(f"[{kind}]" for kind in kinds) or "nothing that is sensed"
-        expected = ", ".join(f"[{kind}]" for kind in _KINDS)
-        yield f"found {found}, expected one of {expected}"
+        expected = ", ".join(f"[{kind}]" for kind in _SENSED)
+        mixed = ", ".join(f"[{kind}]" for kind in MIXED)
+        yield f"found {found}, expected one of {expected}, or several of {mixed}"
+    yield from _records(scenario)
     detection = scenario.detection
     if detection is not None and detection.p_detection <= detection.p_false:
         yield (
@@ -148,6 +147,23 @@ def _sensing(scenario: Scenario) -> Iterator[str]:
         )
     elif sensors.dead >= count:
         yield f"sensors.dead: found {sensors.dead} of {count} sensors, expected one that lives"
+
+
+def _records(scenario: Scenario) -> Iterator[str]:
+    """Say what records of energy messages cannot be made of the run's steps."""
+    model = scenario.energy_message
+    if model is None:
+        return
+    if abs(model.sample_s - scenario.step_s) > 1e-9 * scenario.step_s:
+        yield (
+            f"energy_message.sample_s: found {model.sample_s:g}, expected step_s = "
+            f"{scenario.step_s:g}: sensors sample once a step"
+        )
+    if model.record_s > scenario.duration_s:
+        yield (
+            f"energy_message.record_s: found {model.record_s:g}, expected at most duration_s = "
+            f"{scenario.duration_s:g}: a message is sent when its record ends"
+        )
 
 
 def _network(scenario: Scenario) -> Iterator[str]:
@@ -178,6 +194,10 @@ def _loop(scenario: Scenario) -> Iterator[str]:
     travel = scenario.network is not None and scenario.carried == "reports"
     if scenario.reports is not None or scenario.fusion is not None or travel:
         yield "scheduling: found with reports, expected readings of sensors, and no fusion of them"
+    for kind in scenario.models:
+        if kind not in _LOOPED:
+            expected = ", ".join(f"[{one}]" for one in _LOOPED)
+            yield f"scheduling: found with [{kind}], expected one of {expected}"
     if settings.interval_s < scenario.step_s * (1.0 - 1e-9):
         yield (
             f"scheduling.interval_s: found {settings.interval_s:g}, expected step_s = "
@@ -193,6 +213,9 @@ def _party(scenario: Scenario, party: Party) -> Iterator[str]:
         yield f".{problem}"
     if party.lifetime_s is not None and party.mean_lifetime_s is not None:
         yield ": found both lifetime_s and mean_lifetime_s, expected one of them"
+    loud = scenario.amplitude is not None or scenario.energy_message is not None
+    if party.level != 1.0 and not loud:
+        yield f".level: found {party.level:g} without [amplitude] or [energy_message]"
     if party.at_start > party.count:
         yield f".at_start: found {party.at_start} of count = {party.count} targets"
     if party.motion == "row" and party.births_per_s > 0.0:
@@ -259,8 +282,8 @@ def _fault(scenario: Scenario, fault: Fault) -> Iterator[str]:
             yield "kind: found 'burst' without [reports] or [detection]"
     elif sum(whom) != 1:
         yield f"kind: found {fault.kind!r}, expected one of group, sensors and count with it"
-    if fault.kind == "stuck" and scenario.signal is None and scenario.detection is None:
-        yield "kind: found 'stuck' without [signal] or [detection]"
+    if fault.kind == "stuck" and not {*scenario.models} & {"signal", "detection", "amplitude"}:
+        yield "kind: found 'stuck' without [signal], [detection] or [amplitude]"
     if fault.kind == "stuck" and scenario.detection is not None and fault.value not in {0.0, 1.0}:
         yield f"value: found {fault.value:g}, expected 0 or 1 of a detection"
 

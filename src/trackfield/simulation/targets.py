@@ -19,13 +19,15 @@ _TRIES = 1000  # to draw a target that stays long enough
 class Life(NamedTuple):
     """One target: where it is (m, 2) [m] at its `first` step and those that follow.
 
-    Who flees from pursuers does so by `evade_m_s2`, at `speed_m_s` of an axis at most.
+    Who flees from pursuers does so by `evade_m_s2`, at `speed_m_s` of an axis at most. `level` is
+    the amplitude at 1 m of the source that it is.
     """
 
     first: int
     path: Matrix
     evade_m_s2: float
     speed_m_s: float
+    level: float
 
 
 def truth_of(scenario: Scenario, rng: np.random.Generator) -> Truth:
@@ -85,7 +87,7 @@ def _lives(scenario: Scenario, party: Party, rng: np.random.Generator, where: st
                     "stays so long, expected less, a longer life or slower targets"
                 ]
             )
-        lives.append(Life(step, path, party.evade_m_s2, party.speed_m_s[1]))
+        lives.append(Life(step, path, party.evade_m_s2, party.speed_m_s[1], party.level))
     return lives
 
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackfield.network.energy import Energy
+from trackfield.network.kinds import kind_of
 from trackfield.network.site import Group, ReportSettings, SchedulingSettings, Site, Target
+from trackfield.simulation.deployment import models_in_turn
 from trackfield.simulation.world import World
 from trackfield.types import Columns, Names
 
@@ -22,12 +24,11 @@ def site_of(world: World, *, sensors_file: Path | None = None) -> Site:
     """
     scenario, deployment = world.scenario, world.deployment
     count = len(deployment.sensor_ids)
-    models = {"signal": scenario.signal, "detection": scenario.detection, "range": scenario.range}
-    kind, model = next(((k, m) for k, m in models.items() if m is not None), ("", None))
+    models = models_in_turn(scenario)
     names = [group.id for group in scenario.groups] or [None]
     own = [names[int(place)] for place in deployment.network.routes.group[:count]]
     reports = ReportSettings()  # tagged targets need none
-    if scenario.range is None:
+    if not scenario.tagged:
         reports = ReportSettings(region=scenario.area, step_s=scenario.step_s)
     if scenario.reports is not None:
         reports = ReportSettings(
@@ -42,10 +43,10 @@ def site_of(world: World, *, sensors_file: Path | None = None) -> Site:
         name=scenario.name,
         sensor_ids=deployment.sensor_ids,
         positions=np.column_stack([deployment.told, np.full(count, np.nan)]),
-        models=(model,) * count if model is not None else (),
+        models=models,
         target=Target(accel_sigma_m_s2=(accel.pop() or None) if len(accel) == 1 else None),
         groups=tuple(Group(g.id, g.x_m, g.y_m) for g in scenario.groups),
-        model_names=(kind,) * count,
+        model_names=tuple(kind_of(model) for model in models) or ("",) * count,
         sensor_groups=tuple(own),
         sensors_file=sensors_file,
         reports=reports,
@@ -64,6 +65,10 @@ def sensor_columns(world: World) -> Columns:
         "x_m": deployment.told[:, 0],
         "y_m": deployment.told[:, 1],
     }
-    return (
-        columns | {"group": Names(own, tuple(group.id for group in groups))} if groups else columns
-    )
+    kinds = tuple(world.scenario.models)
+    if len(kinds) > 1:
+        turn = np.arange(own.size, dtype=np.int32) % len(kinds)
+        columns["model"] = Names(turn.astype(np.int32), kinds)
+    if groups:
+        columns["group"] = Names(own, tuple(group.id for group in groups))
+    return columns
