@@ -103,6 +103,17 @@ def test_at_the_fit_the_score_is_zero_and_the_numbers_are_those_of_the_profile(m
     np.testing.assert_allclose(found.gain_of_change, np.min(constant, axis=0) - cost, atol=0.02)
 
 
+@pytest.mark.parametrize("model", [PLAIN, FADING])
+def test_the_papers_start_alone_is_never_better_and_worse_on_some_weak_records(model):
+    rng = np.random.default_rng(13)
+    at = Profile(rng.uniform(0.5, 2, 1500), rng.uniform(0, 24, 1500), rng.uniform(0.5, 15, 1500))
+    values = drawn(replace(model, sigma=0.5), at, T, rng)
+    both = (fit(replace(model, sigma=0.5), T, values, starts=s) for s in ("grid", "paper"))
+    lost = np.subtract(*(found.log_likelihood for found in both))
+    assert lost.min() > -1e-6
+    assert 0.005 < (lost > 0.5).mean() < 0.1
+
+
 @pytest.mark.parametrize(
     ("model", "rate_hz", "bound"),
     [

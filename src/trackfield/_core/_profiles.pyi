@@ -6,5 +6,6 @@ def fit(
     columns: list[Vector],
     limits: Matrix,
     rayleigh: bool,
+    searched: bool,
     out: Matrix,
 ) -> None: ...

@@ -13,6 +13,9 @@ constexpr double kDone = 1e-9;   // promised gain [nats] at which a fit ends
 constexpr double kLeast = 1e-3;  // least amplitude, in sigmas: at zero all profiles are one
 constexpr double kMost = 100.0;  // largest amplitude, in largest samples
 constexpr double kStride = 1.0;  // longest step, in log amplitude, log width and in widths
+constexpr double kAlike = 0.7;    // a start within so many widths, and e-folds of width, of a fit leads to it
+constexpr double kHope = 4.0;     // so much less likely than a fit a start may be [nats], and
+constexpr double kHopeShare = 0.1;  // this share of what the fit gains over nothing
 constexpr double kBeyond = 0.25;  // out of the record a pass is at least so wide, in times to it
 
 struct Fit {
@@ -37,8 +40,7 @@ class Fitter {
     }
 
     Fit run(const Numbers &start) const {
-        Point x{std::log(start.a), start.tm, std::log(std::max(start.width - least(start.tm), limits.narrowest))};
-        for (size_t j = 0; j < 3; ++j) x[j] = std::clamp(x[j], low[j], high[j]);
+        Point x = point(start);
         Fit o;
         Terms now = terms(x);
         double damping = 1e-3;
@@ -61,6 +63,21 @@ class Fitter {
         }
         o.a = std::exp(x[0]), o.tm = x[1], o.width = std::exp(x[2]) + least(x[1]);
         o.cost = now.cost + constant;
+        return o;
+    }
+
+    // From the paper's start, and from others that may lead to a likelier profile.
+    Fit best(const Numbers &first, const std::vector<Numbers> &others) const {
+        Fit o = run(first);
+        const double hope = kHope + kHopeShare * std::max(flat_cost(0.0) - o.cost, 0.0);
+        for (const Numbers &start : others) {
+            const bool alike = std::abs(start.tm - o.tm) < kAlike * std::min(o.width, start.width) &&
+                               std::abs(std::log(start.width / o.width)) < kAlike;
+            if (alike || terms(point(start)).cost + constant > o.cost + hope) continue;
+            Fit found = run(start);
+            found.iterations += o.iterations, o.iterations = found.iterations;
+            if (found.cost < o.cost) o = found;
+        }
         return o;
     }
 
@@ -102,6 +119,12 @@ class Fitter {
     // The width a pass has at least beyond the record, and its slope in the time.
     double least(double tm) const { return kBeyond * std::max({0.0, t[0] - tm, tm - t[n - 1]}); }
     double least_slope(double tm) const { return tm < t[0] ? -kBeyond : tm > t[n - 1] ? kBeyond : 0.0; }
+
+    Point point(const Numbers &at) const {
+        Point x{std::log(at.a), at.tm, std::log(std::max(at.width - least(at.tm), limits.narrowest))};
+        for (size_t j = 0; j < 3; ++j) x[j] = std::clamp(x[j], low[j], high[j]);
+        return x;
+    }
 
     Point moved(const Point &x, const Point &step) const {
         const double stride[3] = {kStride, kStride * (std::exp(x[2]) + least(x[1])), kStride};

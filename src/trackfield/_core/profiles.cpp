@@ -15,8 +15,9 @@ using OutMatrix = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu
 
 // Fits each row of values (b, m), sampled at times (1, m) or (b, m). Columns (b,) of the sensors; limits
 // (b, 4): earliest and latest time, narrowest and widest width. Writes (b, 8): amplitude, time, width,
-// cost, cost of nothing, cost of a constant, iterations, whether converged.
-static void fit(InMatrix times, InMatrix values, nb::list columns, InMatrix limits, bool rayleigh, OutMatrix out) {
+// cost, cost of nothing, cost of a constant, iterations, whether converged. Not `searched`, it starts where
+// the paper does only.
+static void fit(InMatrix times, InMatrix values, nb::list columns, InMatrix limits, bool rayleigh, bool searched, OutMatrix out) {
     const size_t rows = values.shape(0), n = values.shape(1);
     if (times.shape(1) != n || (times.shape(0) != 1 && times.shape(0) != rows) || n < 2 || nb::len(columns) != 3 ||
         limits.shape(0) != rows || limits.shape(1) != 4 || out.shape(0) != rows || out.shape(1) != 8)
@@ -33,23 +34,18 @@ static void fit(InMatrix times, InMatrix values, nb::list columns, InMatrix limi
         const Shape shape(exponent.data()[i]);
         const Noise noise{sigma.data()[i], top.data()[i], rayleigh};
         const Limits within{limit[0], limit[1], limit[2], limit[3]};
-        if (t != before || exponent.data()[i] != exponent.data()[i - 1] || !std::equal(limit, limit + 4, limit - 4))
+        if (!searched) grid.reset();
+        else if (t != before || exponent.data()[i] != exponent.data()[i - 1] || !std::equal(limit, limit + 4, limit - 4))
             grid.emplace(t, n, shape, within, rayleigh);
         before = t;
         const Fitter fitter(t, r, n, shape, noise, within);
-        std::vector<Numbers> starts = grid->starts(r, n, noise);
-        starts.push_back(coarse(t, r, n, within, 0.3 * noise.sigma));
-        Fit best;
-        int iterations = 0;
-        for (const Numbers &start : starts) {
-            const Fit found = fitter.run(start);
-            iterations += found.iterations;
-            if (found.cost < best.cost) best = found;
-        }
+        std::vector<Numbers> starts;
+        if (grid) starts = grid->starts(r, n, noise);
+        const Fit best = fitter.best(coarse(t, r, n, within, 0.3 * noise.sigma), starts);
         double *row = out.data() + 8 * i;
         row[0] = best.a, row[1] = best.tm, row[2] = best.width;
         row[3] = best.cost, row[4] = fitter.flat_cost(0.0), row[5] = fitter.best_flat_cost();
-        row[6] = iterations, row[7] = best.converged;
+        row[6] = best.iterations, row[7] = best.converged;
     }
 }
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -84,13 +84,20 @@ class ProfileFit(NamedTuple):
 
 
 def fit(
-    models: AmplitudeModels, t_s: Matrix, values: Matrix, *, limits: FitLimits = LIMITS
+    models: AmplitudeModels,
+    t_s: Matrix,
+    values: Matrix,
+    *,
+    limits: FitLimits = LIMITS,
+    starts: Literal["grid", "paper"] = "grid",
 ) -> ProfileFit:
     """Find the likeliest profiles of records `values` (..., m) at times `t_s` (m,) or (..., m) [s].
 
-    Columns of `models` are of the last leading axis. The starts are the best of a grid of times and
-    widths, on which the amplitude is fitted exactly, its best rival, and the paper's (largest
-    sample, and the one nearest to half of it); damped Fisher scoring follows, within `limits`.
+    Columns of `models` are of the last leading axis. The first start is the paper's: the largest
+    sample, and the one nearest to half of it. Others, unless `starts` is "paper", are the best two
+    of a grid of times and widths, at each of which the amplitude is fitted. Newton's method,
+    damped, follows, within `limits`.
+
     Times must rise. Without fading amplitudes may be negative, as noise is. `InputError` for what
     is no record.
     """
@@ -104,7 +111,9 @@ def fit(
     found = np.zeros((rows, 8))
     if m >= LEAST_SAMPLES:
         fades = models.fading == "rayleigh"
-        _profiles.fit(times, records, columns, _bounds(times, rows, limits), fades, found)
+        _profiles.fit(
+            times, records, columns, _bounds(times, rows, limits), fades, starts == "grid", found
+        )
     else:
         found[:] = _untold(times, records)
     return _judged(models, t_s, values, found.reshape(*values.shape[:-1], 8))
