@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trackfield.errors import InputError
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.localization.bounds import range_bound, range_information
 from trackfield.localization.information import (
     fisher_information,
@@ -19,14 +19,18 @@ from trackfield.localization.information import (
     site_gains,
     site_information,
 )
-from trackfield.localization.mixed_models import mixed, taken
+from trackfield.localization.mixed_models import mixed, reach, taken
 from trackfield.network.site import Site, Target
-from trackfield.sensing import angular_rate, bearing, detection, signal
+from trackfield.sensing import angular_rate, bearing, detection, motion_rate, rssi, signal
 from trackfield.sensing import range as ranging
+from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.angular_rate import AngularRateModel
 from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
+from trackfield.sensing.motion_rate import MotionRateModel
 from trackfield.sensing.range import RangeModel
+from trackfield.sensing.rssi import RssiModel
 from trackfield.sensing.signal import SignalModel
 
 MIXED = (
@@ -38,6 +42,8 @@ MIXED = (
     RangeModel(sigma_m=0.3, correlated_sigma_m=0.1),
     AngularRateModel(sigma_rad_s=0.05),
     BearingModel(sigma_rad=0.1),
+    MotionRateModel(falloff=1.5, sigma=0.02),
+    RssiModel(exponent=1.7, sigma_db=3.0, shadow_db=2.0),
 )
 
 
@@ -86,6 +92,11 @@ def test_gains_are_the_slope_of_the_mean_over_the_noise(seed):
             lambda x, i=i: angular_rate.expected(MIXED[i], sensors[[i]], states=x), state
         )
         np.testing.assert_allclose(gains[[i]], expected / MIXED[i].sigma_rad_s, atol=1e-5)
+    at = MIXED[8]
+    expected = slope(lambda x: motion_rate.strength(at, sensors[[8]], states=x), state)
+    np.testing.assert_allclose(gains[[8]], expected / at.sigma, atol=1e-4)
+    expected = slope(lambda x: rssi.expected(MIXED[9], rssi.distance(sensors[[9]], x[:2])), state)
+    np.testing.assert_allclose(gains[[9]], expected / math.sqrt(13.0), atol=1e-5)
     expected = slope(lambda x: signal.expected(MIXED[2], sensors[[2]], targets=x[None, :2]), state)
     noise = signal.variance(MIXED[2], sensors[[2]], targets=state[None, :2])
     np.testing.assert_allclose(gains[[2]], expected / np.sqrt(noise), atol=1e-5)
@@ -134,6 +145,20 @@ def test_hard_regions_and_certain_models_are_finite():
     np.testing.assert_allclose(gains[1, 1], [-1.0, 0.0])  # P = 1/2, slope 1/2 over 1/2
 
 
+def test_beacons_are_heard_as_far_as_the_receiver_is_sensitive_or_told_to_hear():
+    models = mixed([RssiModel(min_dbm=-79.0), RssiModel(min_dbm=-79.0, max_range_m=4.0)])
+    np.testing.assert_allclose(reach(models), [10.0, 4.0])
+    sensors = np.zeros((2, 2))
+    gains = reading_gains(models, sensors, np.array([[3.9, 0.0], [9.9, 0.0], [10.1, 0.0]]))
+    np.testing.assert_array_equal(gains[..., 0] != 0.0, [[1, 1], [1, 0], [0, 0]])
+
+
+@pytest.mark.parametrize("model", [AmplitudeModel(), EnergyMessageModel()])
+def test_kinds_that_tell_no_place_by_themselves_are_not_planned_with(model):
+    with pytest.raises(ConfigurationError, match="not planned with"):
+        mixed([RangeModel(), model])
+
+
 def test_kinds_mix_in_any_order_and_say_what_each_says_alone():
     sensors, p, v = fields(1, len(MIXED), 2)
     state = np.concatenate([p, v])
@@ -142,7 +167,8 @@ def test_kinds_mix_in_any_order_and_say_what_each_says_alone():
         alone = reading_gains(model, sensors[[i]], state)
         np.testing.assert_allclose(gains[[i]], alone)
         assert np.abs(alone).max() > 0.0
-        assert (gains[i, 2:] != 0.0).any() == isinstance(model, AngularRateModel)
+        moves = isinstance(model, AngularRateModel | MotionRateModel)
+        assert (gains[i, 2:] != 0.0).any() == moves
     np.testing.assert_allclose(
         reading_gains(MIXED, sensors, p)[[0, 1, 2, 4]], gains[[0, 1, 2, 4], :2]
     )

@@ -40,6 +40,8 @@ def reading_gains(
     - bearing: (-y, x) / (r^2 sigma_rad);
     - angular rate: `angular_rate.jacobian` / sigma_rad_s; nothing where states have no velocity,
       for a rate of unknown speed tells no place;
+    - motion: `motion_rate.strength_slope` / sigma, with states that have a velocity;
+    - rssi: `rssi.slope` over the root of sigma_db^2 + shadow_db^2; nothing below `min_dbm`;
     - detection: (p - q) c' / sqrt(P (1 - P)) on the soft edge of its region, P taken as
       .001 at least and .999 at most; nothing inside and outside, where the answer does not change
       with the place. What hard regions say is no Fisher information: see `detection_cells`.

@@ -11,16 +11,22 @@ from numpy.typing import NDArray
 from trackfield.errors import ConfigurationError
 from trackfield.localization.range_likelihood import fisher_weight
 from trackfield.network.kinds import SensorModel, kind_of
-from trackfield.sensing import angular_rate, bearing, detection, signal
+from trackfield.sensing import angular_rate, bearing, detection, motion_rate, rssi, signal
 from trackfield.sensing import range as ranging
+from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.angular_rate import AngularRateColumns, AngularRateModel
 from trackfield.sensing.bearing import BearingColumns, BearingModel
 from trackfield.sensing.detection import DetectionColumns, DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
+from trackfield.sensing.motion_rate import MotionRateColumns, MotionRateModel
 from trackfield.sensing.range import RangeColumns, RangeModel, constant_variance
+from trackfield.sensing.rssi import RssiColumns, RssiModel
 from trackfield.sensing.signal import SignalColumns, SignalModel
 from trackfield.types import Indices, Matrix, Vector
 
-_Columns = RangeColumns | SignalColumns | DetectionColumns | BearingColumns | AngularRateColumns
+_OfPlaces = RangeColumns | SignalColumns | DetectionColumns | BearingColumns | RssiColumns
+_OfMotion = AngularRateColumns | MotionRateColumns
+_Columns = _OfPlaces | _OfMotion
 _Some = TypeVar("_Some", bound=_Columns)
 _LEAST_PROBABILITY = 1e-3  # a detection is not believed to be surer than this
 _STEP_M = 1e-6  # over which the slope of a region's border is taken
@@ -66,7 +72,7 @@ def reach(models: MixedModels) -> Vector:
         far = (
             detection.reach(columns)
             if isinstance(columns, DetectionColumns)
-            else columns.max_range_m
+            else _range_of(columns)
         )
         out[places] = far[models.row[places]]
     return out
@@ -86,7 +92,7 @@ def heard_at(models: MixedModels, offsets: Matrix) -> NDArray[np.bool_]:
         if isinstance(own, DetectionColumns):
             out[..., places] = detection.depth_at(own, near[..., :2]) >= -0.5 * own.edge_m
         else:
-            out[..., places] = np.linalg.norm(near, axis=-1) <= own.max_range_m
+            out[..., places] = np.linalg.norm(near, axis=-1) <= _range_of(own)
     return out
 
 
@@ -108,10 +114,10 @@ def gains_at(
             continue
         own = _rows(columns, models.row[places])
         near = offsets[..., places, :]
-        if isinstance(own, AngularRateColumns):
+        if isinstance(own, AngularRateColumns | MotionRateColumns):
             if moving:
                 v = np.broadcast_to(velocities, offsets.shape)[..., places, :]
-                full = _of_rates(own, near, v)
+                full = _of_motion(own, near, v)
                 out[..., places, :d], out[..., places, d:] = full[..., :d], full[..., s : s + d]
         else:
             out[..., places, :d] = _of_places(own, near)[..., :d]
@@ -131,12 +137,14 @@ def _columns(models: list[SensorModel]) -> _Columns:
             return bearing.columns([m for m in models if isinstance(m, BearingModel)])
         case AngularRateModel():
             return angular_rate.columns([m for m in models if isinstance(m, AngularRateModel)])
-        case _:
-            expected = (
-                "kinds that are planned with: range, signal, detection, bearing, angular_rate"
-            )
+        case MotionRateModel():
+            return motion_rate.columns([m for m in models if isinstance(m, MotionRateModel)])
+        case RssiModel():
+            return rssi.columns([m for m in models if isinstance(m, RssiModel)])
+        case AmplitudeModel() | EnergyMessageModel():
             found = f"found sensors of kind {kind_of(models[0])!r}"
-            raise ConfigurationError([f"{found}, expected {expected}"])
+            expected = "kinds of which a single reading tells of the place"
+            raise ConfigurationError([f"{found}, expected {expected}: others are not planned with"])
 
 
 def _rows(columns: _Some, rows: Indices) -> _Some:
@@ -146,16 +154,27 @@ def _rows(columns: _Some, rows: Indices) -> _Some:
     )
 
 
-def _of_places(
-    columns: RangeColumns | SignalColumns | DetectionColumns | BearingColumns, offsets: Matrix
-) -> Matrix:
+def _range_of(
+    columns: RangeColumns | SignalColumns | BearingColumns | RssiColumns | _OfMotion,
+) -> Vector:
+    """Distance (n,) [m] beyond which sensors say nothing; of beacons, where they are too weak."""
+    if not isinstance(columns, RssiColumns):
+        return columns.max_range_m
+    decades = (columns.power_dbm - columns.min_dbm) / (10.0 * columns.exponent)
+    return np.minimum(columns.max_range_m, 10.0 ** np.minimum(decades, 300.0))
+
+
+def _of_places(columns: _OfPlaces, offsets: Matrix) -> Matrix:
     """Gains (..., m, s) of readings that depend on the place alone."""
     if isinstance(columns, DetectionColumns):
         return _of_detections(columns, offsets)
     r = np.linalg.norm(offsets, axis=-1)
-    heard = r <= columns.max_range_m
+    heard = r <= _range_of(columns)
     if isinstance(columns, BearingColumns):
         return bearing.slope(offsets) * (heard / columns.sigma_rad)[..., None]
+    if isinstance(columns, RssiColumns):
+        inverse = heard / np.sqrt(rssi.variance(columns, r))
+        return rssi.slope(columns, offsets, r=r) * inverse[..., None]
     u = offsets / np.where(r > 0.0, r, 1.0)[..., None]
     if isinstance(columns, RangeColumns):
         constant = np.asarray(constant_variance(columns))
@@ -166,9 +185,13 @@ def _of_places(
     return u * (steepness * seen)[..., None]
 
 
-def _of_rates(columns: AngularRateColumns, offsets: Matrix, velocities: Matrix) -> Matrix:
+def _of_motion(columns: _OfMotion, offsets: Matrix, velocities: Matrix) -> Matrix:
+    """Gains (..., m, 2 s) of readings that depend on the place and the velocity."""
     heard = np.linalg.norm(offsets, axis=-1) <= columns.max_range_m
-    return angular_rate.slope(offsets, velocities) * (heard / columns.sigma_rad_s)[..., None]
+    if isinstance(columns, AngularRateColumns):
+        return angular_rate.slope(offsets, velocities) * (heard / columns.sigma_rad_s)[..., None]
+    steep = motion_rate.strength_slope(columns, offsets, velocities)
+    return steep * (heard / columns.sigma)[..., None]
 
 
 def _of_detections(columns: DetectionColumns, offsets: Matrix) -> Matrix:
