@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from trackfield.localization import pass_bounds, pass_lifted, pass_pairs
+from trackfield.localization.pass_fusion import fuse
+from trackfield.localization.pass_messages import PassMessages, common_records, fishers
 from trackfield.sensing import profile as profiles
 from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.amplitude_likelihood import misfit
@@ -43,6 +46,42 @@ def energy_rayleigh_nll(given: Case) -> Answer:
     return {"nll": cost.sum()}
 
 
+def energy_pair_solutions(given: Case) -> Answer:
+    first, second = (profiles.Profile(*given[name]) for name in ("psi1", "psi2"))
+    sensors = np.array([given["s1"], given["s2"]], float)
+    found = pass_pairs.pair_passes(first, second, sensors, exponent=given["alpha"])
+    return {"solutions": found.theta, "truth": tuple(found.theta)}
+
+
+def energy_lifted_solution(given: Case) -> Answer:
+    """Take the linear solution, none if the search of the fusion center ends elsewhere."""
+    sensors, n = np.array(given["sensors"], float), len(given["sensors"])
+    messages = PassMessages(
+        sensors,
+        (model(given),) * n,
+        np.array(given["messages"], float),
+        common_records(n, times(given["t"])),
+    )
+    total = pass_lifted.empty(sensors.mean(axis=0), time_s=12.0)
+    for psi, fisher, sensor in zip(messages.profiles, fishers(messages), sensors, strict=True):
+        message = profiles.Profile(*psi)
+        total = total.added(message, fisher, sensor, exponent=given["alpha"])
+    theta = total.solved(exponent=given["alpha"]).theta
+    agree = np.allclose(fuse(messages).theta[0], theta, rtol=1e-7)
+    return {"theta": theta if agree else np.full(5, np.nan)}
+
+
+def energy_crlb(given: Case) -> Answer:
+    found = pass_bounds.pass_bound(
+        np.array(given["theta"], float),
+        np.array(given["sensors"], float),
+        times(given["t"]),
+        models=model(given),
+        unknown_exponent=given["unknown_alpha"],
+    )
+    return {"sd": np.sqrt(np.diag(found.covariance))}
+
+
 def model(given: Case) -> AmplitudeModel:
     fading = "rayleigh" if given.get("model") == "rayleigh" else "none"
     return AmplitudeModel(given["alpha"], sigma=math.sqrt(given["noise_var"]), fading=fading)
@@ -58,8 +97,11 @@ def times(given: str | list[float]) -> Vector:
 
 
 KINDS: dict[str, Callable[[Case], Answer]] = {
+    "energy_crlb": energy_crlb,
+    "energy_lifted_solution": energy_lifted_solution,
     "energy_message": energy_message,
     "energy_local_ml": energy_local_ml,
     "energy_local_fim": energy_local_fim,
+    "energy_pair_solutions": energy_pair_solutions,
     "energy_rayleigh_nll": energy_rayleigh_nll,
 }

@@ -15,9 +15,6 @@ CASES = [case for path in sorted(FOLDER.glob("*.json")) for case in load(path)]
 OURS = [case for case in CASES if case["kind"] in KINDS]
 TO_COME = {  # kinds of rooms that do not stand yet
     "berger_cheng.json": {
-        "energy_crlb",
-        "energy_lifted_solution",
-        "energy_pair_solutions",
         "motion_angular_rates",
         "motion_ghosts",
         "motion_newton",
@@ -52,7 +49,9 @@ def test_the_copies_are_the_shared_files(shared):
 
 @pytest.mark.parametrize("case", OURS, ids=[case["id"] for case in OURS])
 def test_a_wrong_expectation_fails_in_every_field(case):
-    for field in case["expected"]:
+    for field, value in case["expected"].items():
+        if isinstance(value, str):  # a note
+            continue
         wrong = copy.deepcopy(case)
         wrong["expected"][field] = _nudged(wrong["expected"][field], _limit(case, field))
         verdict = evaluate(wrong)

@@ -1,0 +1,13 @@
+from trackfield.types import Matrix
+
+def modes(
+    sensors: Matrix,
+    numbers: Matrix,
+    records: Matrix,
+    fishers: Matrix,
+    exponent: float,
+    exponent_sigma: float,
+    pairs_of: int,
+    searched: int,
+    /,
+) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, float]: ...

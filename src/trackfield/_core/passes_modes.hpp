@@ -1,0 +1,116 @@
+// All passes that explain the messages nearly as well as the best one does, with their weights.
+#pragma once
+#include <numeric>
+
+#include "passes_starts.hpp"
+
+namespace trackfield::passes {
+
+struct Search {
+    int pairs_of = 4;        // pairs of so many sensors, the loudest
+    int searched = 6;        // starts that are searched from, the best
+    bool printed = false;    // neither the linear start nor the mirror image
+    int steps = 60;          // of each search
+    double done = 1e-7;      // promised gain of half the deviance at which a search ends
+    double within = 12.0;    // half the deviance by which a mode may be worse than the best
+};
+
+struct Mode {
+    Fit fit;
+    double log_weight = 0.0;
+};
+
+// Laplace: exp(-half) |F|^(-1/2) times a prior: scale-free in power and speed, any time, any heading, and the line of
+// motion N(0, 1) field radii from the middle of the sensors: what we look for goes through the field.
+inline double log_weight(const Pass &pass, const Fit &fit) {
+    Square L{};
+    double log_det = 0.0;
+    if (!factor(fit.F, 0.0, pass.n, L)) return -fit.half - 1e3;  // a direction is not fixed at all: not a mode among others
+    for (int i = 0; i < pass.n; ++i) log_det += std::log(L[i][i]);
+    const double aside = fit.state[1] * std::sin(fit.state[4]) - fit.state[2] * std::cos(fit.state[4]);
+    return -fit.half - log_det - fit.state[3] - 0.5 * aside * aside;
+}
+
+// Squared distance of two states in standard deviations of one of them.
+inline double apart(const Square &F, const Column &a, const Column &b, int n) {
+    double sum = 0.0;
+    Column d{};
+    for (int i = 0; i < n; ++i) d[i] = a[i] - b[i];
+    d[4] = std::remainder(d[4], 2.0 * std::numbers::pi);
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) sum += d[i] * F[i][j] * d[j];
+    return sum;
+}
+
+// Mirror image in the main axis of the sensors, which for sensors in a line is as good.
+inline Column mirrored(const Pass &pass, const Column &s) {
+    double xx = 0.0, xy = 0.0, yy = 0.0;
+    for (const Message &m : pass.messages) xx += m.x * m.x, xy += m.x * m.y, yy += m.y * m.y;
+    const double axis = 0.5 * std::atan2(2.0 * xy, xx - yy), c = std::cos(2.0 * axis), d = std::sin(2.0 * axis);
+    Column out = s;
+    out[1] = c * s[1] + d * s[2], out[2] = d * s[1] - c * s[2], out[4] = 2.0 * axis - s[4];
+    return out;
+}
+
+inline std::vector<Column> starts(const Pass &pass, const Search &search) {
+    std::vector<size_t> order(pass.messages.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return pass.messages[a].loudness() > pass.messages[b].loudness(); });
+    order.resize(std::min(order.size(), size_t(search.pairs_of)));
+    std::vector<Column> all;
+    Column linear;
+    if (!search.printed && lifted(pass, linear)) all.push_back(linear);
+    for (size_t j = 1; j < order.size(); ++j)
+        for (size_t i = 0; i < j; ++i) pair(pass.messages[order[i]], pass.messages[order[j]], pass.alpha, all);
+    return all;
+}
+
+// The best starts, best first; those that lie in one place count once.
+inline std::vector<Column> ranked(const Pass &pass, const std::vector<Column> &all, size_t most) {
+    std::vector<std::pair<double, size_t>> best;
+    for (size_t i = 0; i < all.size(); ++i) {
+        const double limit = best.size() < most ? std::numeric_limits<double>::infinity() : best.back().first;
+        const double half = pass.half(all[i], limit);
+        if (!(half < limit)) continue;
+        best.insert(std::upper_bound(best.begin(), best.end(), std::pair{half, i}), {half, i});
+        if (best.size() > most) best.pop_back();
+    }
+    std::vector<Column> out;
+    for (const auto &[half, i] : best) out.push_back(all[i]);
+    return out;
+}
+
+// Searches from a start; what leads to a mode that is known already is given up on the way.
+inline void add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
+    const auto met = [&](const Column &state) {
+        return std::ranges::any_of(modes, [&](const Mode &m) { return m.fit.converged && apart(m.fit.F, m.fit.state, state, pass.n) < 0.1; });
+    };
+    const Fit fit = pass.descend(start, search.steps, search.done, met);
+    if (!std::isfinite(fit.half)) return;
+    for (Mode &mode : modes)
+        if (std::min(apart(mode.fit.F, mode.fit.state, fit.state, pass.n), apart(fit.F, mode.fit.state, fit.state, pass.n)) < 0.5) {
+            if (fit.half < mode.fit.half) mode.fit = fit;
+            return;
+        }
+    modes.push_back({fit});
+}
+
+// Modes by falling weight; `log_weight` is relative to their sum.
+inline std::vector<Mode> modes(const Pass &pass, const Search &search) {
+    std::vector<Mode> found;
+    for (const Column &start : ranked(pass, starts(pass, search), size_t(search.searched))) add(pass, search, start, found);
+    if (found.empty()) return found;
+    const auto better = [](const Mode &a, const Mode &b) { return a.fit.half < b.fit.half; };
+    if (!search.printed) add(pass, search, mirrored(pass, std::min_element(found.begin(), found.end(), better)->fit.state), found);
+    const double best = std::min_element(found.begin(), found.end(), better)->fit.half;
+    std::erase_if(found, [&](const Mode &m) { return m.fit.half > best + search.within; });
+    for (Mode &m : found) m.log_weight = log_weight(pass, m.fit);
+    std::stable_sort(found.begin(), found.end(), [](const Mode &a, const Mode &b) { return a.log_weight > b.log_weight; });
+    double sum = 0.0;
+    const double top = found[0].log_weight;
+    for (const Mode &m : found) sum += std::exp(m.log_weight - top);
+    for (Mode &m : found) m.log_weight -= top + std::log(sum);
+    return found;
+}
+
+}  // namespace trackfield::passes
