@@ -86,7 +86,7 @@ def test_a_message_that_comes_twice_counts_once():
 def test_a_sensor_that_heard_nothing_has_no_equations_but_counts():
     silent = MESSAGES[6]._replace(profile=Profile(0.0, 0.0, 0.0))
     stream = added(streamed(MESSAGES[:5]), silent)
-    assert stream.linear.count == 5
+    assert stream.linear.messages == 5
     assert len(stream.messages) == 6
     assert estimated(stream).deviance.shape[1] == 6
 
