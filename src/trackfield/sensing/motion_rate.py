@@ -113,7 +113,7 @@ def jacobian(models: MotionRateModels, sensors: Matrix, *, states: Matrix) -> Ma
     offsets, velocities = _parts(sensors, states)
     d = sensors.shape[-1]
     h = _strength(models, offsets, velocities).size
-    gain = _mean_slope(np.asarray(models.sigma), h, d)
+    gain = mean_slope(models, h, dimensions=d)
     return gain[..., None] * strength_slope(models, offsets, velocities)
 
 
@@ -128,6 +128,16 @@ def mean(models: MotionRateModels, strength: Matrix, *, dimensions: int = 2) -> 
     bessel = (1.0 + q) * ive(0, 0.5 * q) + q * ive(1, 0.5 * q)
     rice = np.sqrt(0.5 * np.pi) * s * bessel
     return np.where(strength < _FAR * s, rice, strength + 0.5 * s**2 / np.maximum(strength, s))
+
+
+def mean_slope(models: MotionRateModels, strength: Matrix, *, dimensions: int = 2) -> Matrix:
+    """Slope (..., n) of `mean` in the strength: 0 of a target at rest, 1 far above sigma."""
+    u = strength / np.asarray(models.sigma, float)
+    if dimensions == 2:
+        return np.asarray(erf(u / np.sqrt(2.0)))
+    q = 0.25 * np.minimum(u, _FAR) ** 2
+    slope = np.sqrt(np.pi / 8.0) * u * (ive(0, q) + ive(1, q))
+    return np.where(u < _FAR, slope, 1.0)
 
 
 def variance(models: MotionRateModels, strength: Matrix, *, dimensions: int = 2) -> Matrix:
@@ -190,16 +200,6 @@ def _strength(models: MotionRateModels, offsets: Matrix, velocities: Matrix) -> 
     scale = inverse2 ** (0.5 * np.asarray(models.falloff))
     scale = np.where(inverse2 > 0.0, scale, 0.0)  # also with falloff 0
     return _Strength(speed * scale, scale, inverse2, unit)
-
-
-def _mean_slope(sigma: Vector, strength: Matrix, d: int) -> Matrix:
-    """Slope (...) of `mean` in the strength: 0 of a target at rest, 1 far above sigma."""
-    u = strength / sigma
-    if d == 2:
-        return np.asarray(erf(u / np.sqrt(2.0)))
-    q = 0.25 * np.minimum(u, _FAR) ** 2
-    slope = np.sqrt(np.pi / 8.0) * u * (ive(0, q) + ive(1, q))
-    return np.where(u < _FAR, slope, 1.0)
 
 
 def _parts(sensors: Matrix, states: Matrix) -> tuple[Matrix, Matrix]:
