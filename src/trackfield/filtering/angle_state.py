@@ -1,0 +1,40 @@
+"""What the tracker of angles knows of one target: an immutable value."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from trackfield.filtering.interacting import Modes
+from trackfield.filtering.scans import Scan
+from trackfield.types import Gaussian, Vector
+
+
+class AngleTrack(NamedTuple):
+    """A track after its last scan: hypotheses (H), each with the modes (M) of a bank.
+
+    `names` (H,) stay with a hypothesis for life, `weights` (H,) sum to 1. `prior` (H, n) is the
+    belief before that scan, modes taken together, for smoothing. `nis` is the squared innovation
+    per reading of the likeliest hypothesis, `misfits` says of the last scans whether it was large.
+    `confirmed`: there is one answer, and it is known to a part of the field.
+    """
+
+    t_s: float
+    names: tuple[int, ...]
+    weights: Vector
+    modes: Modes
+    prior: Gaussian
+    nis: float
+    misfits: tuple[bool, ...]
+    confirmed: bool
+
+
+class AngleState(NamedTuple):
+    """State of the tracker: the last scans, for a start, and the track, None before one started.
+
+    `waited` counts scans since the last try to start, `number` the tracks so far.
+    """
+
+    recent: tuple[Scan, ...] = ()
+    waited: int = 0
+    number: int = 0
+    track: AngleTrack | None = None
