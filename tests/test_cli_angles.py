@@ -94,7 +94,7 @@ def test_they_are_not_tracked_yet_and_the_program_says_so(call, run, site, data,
 @pytest.mark.parametrize(
     ("site", "words"),
     [
-        ("cameras", "found sensors of kind 'bearing', expected ranges, signals or detections"),
+        ("cameras", "found sensors of kind 'bearing', expected ranges, signals, detections or"),
         ("mixed", "found sensors of kinds bearing, range, expected one kind"),
     ],
 )

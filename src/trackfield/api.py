@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Protocol, cast, overload
 
@@ -11,20 +12,27 @@ from numpy.typing import ArrayLike
 
 from trackfield.calibration import ranges
 from trackfield.calibration.detection_site import CalibratedDetections, calibrate_detection_site
+from trackfield.calibration.fingerprints import calibrate_fingerprints
+from trackfield.calibration.rssi import calibrate_rssi
+from trackfield.calibration.rssi_site import CalibratedRssi
 from trackfield.calibration.signal_site import CalibratedSignals, calibrate_signal_site
+from trackfield.errors import InputError
 from trackfield.io.data import data_from_columns, stream_data
+from trackfield.io.fingerprints import read_fingerprints
 from trackfield.io.measurements import read_readings, readings_from_columns
 from trackfield.io.tracks import read_tracks
 from trackfield.io.truth import read_truth, truth_from_columns
 from trackfield.metrics.many import USUAL, ManyScore, Measure, asks_for_many, score_many
 from trackfield.metrics.score import Score
 from trackfield.metrics.score import score as score_tagged
+from trackfield.network.fingerprints import Fingerprints
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
 from trackfield.pipeline import tagged
 from trackfield.pipeline.dispatch import feed_of, source_of
 from trackfield.pipeline.extent import settled
 from trackfield.pipeline.untagged import track_unknown
+from trackfield.sensing.rssi import RssiModel
 from trackfield.types import Readings, Reports, Tracks, Truth
 
 
@@ -87,21 +95,45 @@ def track(
 
 
 def calibrate(
-    site: Site | File, readings: Readings | File | Columns, truth: Truth | File | Columns
-) -> ranges.Calibration | CalibratedDetections | CalibratedSignals:
-    """Learn the sensors' models of a site from a run whose truth is known.
+    site: Site | File,
+    readings: Readings | Fingerprints | File | Columns,
+    truth: Truth | File | Columns | None = None,
+) -> ranges.Calibration | CalibratedDetections | CalibratedSignals | CalibratedRssi:
+    """Learn the sensors' models of a site from a run whose truth is known, or from a survey.
 
-    Of ranges, signals or detections, whichever the readings are. The calibrated site is the
-    result's `site`; `trackfield.write_site` keeps it. Arguments and errors are those of `track`.
+    Of ranges, signals, detections or signal strength, whichever the site's sensors tell. Without
+    `truth`, `readings` are `Fingerprints` or their file. The calibrated site is the result's
+    `site`; `trackfield.write_site` keeps it. Arguments and errors are those of `track`.
     """
     place = _site(site)
+    if truth is None or isinstance(readings, Fingerprints):
+        return _surveyed(place, readings, truth)
     table = _readings(place, readings)
+    if any(isinstance(model, RssiModel) for model in place.models):
+        return calibrate_rssi(place, table, _truth(truth))
     source = source_of(table)
     if source == "detection":
         return calibrate_detection_site(place, table, _truth(truth))
     if source == "signal":
         return calibrate_signal_site(place, table, _truth(truth))
     return ranges.calibrate(place, table, _truth(truth))
+
+
+def _surveyed(
+    site: Site, survey: Readings | Fingerprints | File | Columns, truth: object
+) -> CalibratedRssi:
+    """Calibrate on a survey, which has no truth but its own places."""
+    if truth is not None:
+        raise InputError(
+            "found fingerprints and a truth, expected no truth: their places are known"
+        )
+    if isinstance(survey, Fingerprints):
+        return calibrate_fingerprints(site, survey)
+    if not isinstance(survey, str | Path):
+        raise InputError("found readings and no truth, expected where targets really were")
+    found = read_fingerprints(survey, sensor_ids=site.sensor_ids)
+    learned = calibrate_fingerprints(site, found)
+    return replace(learned, site=replace(learned.site, survey_file=Path(survey)))
 
 
 @overload

@@ -23,7 +23,7 @@ _LEAST = 50  # readings beside truth
 _CELL_M = 0.5  # of readings that become one fingerprint
 _GAP_S = 2.0  # of truth, over which it is not interpolated
 _GROSS = 5.0  # standard deviations from which a reading is an outlier before all else
-_ROUNDS = 3
+_ROUNDS = 2
 _PRIOR = 20.0  # readings that what the site says of bodies and outliers is worth
 _MOST_CELLS = 1000  # of a receiver; where there are more, they are made larger
 _EM_ROUNDS = 60
@@ -66,6 +66,7 @@ def calibrate_rssi(site: Site, readings: Readings, truth: Truth) -> CalibratedRs
     for _ in range(_ROUNDS - 1):
         offset = offset + _offsets(off, beside.target, offset.size)
         found, off = _learned(site, beside, off=off, offset=offset)
+    offset = offset + _offsets(off, beside.target, offset.size)
     mixed = _mixture(off, rssi_models(site)[0])
     models = tuple(
         _mixed(model, mixed) for model in found.site.models if isinstance(model, RssiModel)

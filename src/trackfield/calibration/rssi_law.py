@@ -16,9 +16,9 @@ from scipy import linalg, optimize
 from trackfield.types import Matrix, Vector
 
 _linalg, _optimize = cast("Any", linalg), cast("Any", optimize)  # which have no types
-_ENOUGH = 300  # places of a receiver from which shadow and fading are learned
+_ENOUGH = 150  # places of a receiver from which shadow and fading are learned
 _ODD = 2.5  # standard deviations from which a fingerprint counts less
-_ROUNDS = 2
+_ROUNDS = 3
 
 
 class Heard(NamedTuple):
@@ -77,6 +77,7 @@ class _Receiver(NamedTuple):
     A: Matrix  # (p, 2)
     y: Vector
     noise: Vector
+    weight: Vector
 
 
 class _Solved(NamedTuple):
@@ -105,13 +106,8 @@ def fit_laws(heard: Sequence[Heard], start: Scatter = Scatter()) -> Laws:  # noq
         receivers = [_receiver(one, centre, w) for one, w in zip(heard, weight, strict=True)]
         scatter = _best(receivers, scatter, start)
         if round_ < _ROUNDS:
-            errors = [
-                _left_out(one, scatter, common=_common(receivers, scatter)[0]) for one in receivers
-            ]
-            weight = [
-                np.minimum(1.0, _ODD / np.maximum(np.abs(off) / np.sqrt(v), 1e-9)) ** 2
-                for off, v in errors
-            ]
+            common = _common(receivers, scatter)[0]
+            weight = [_weight(one, scatter, common=common) for one in receivers]
     return _laws(receivers, scatter, centre, np.concatenate(weight))
 
 
@@ -144,7 +140,7 @@ def _laws(receivers: list[_Receiver], scatter: Scatter, centre: float, weight: V
 def _receiver(heard: Heard, centre: float, weight: Vector) -> _Receiver:
     apart = np.sqrt(((heard.place[:, None] - heard.place) ** 2).sum(axis=-1))
     A = np.column_stack([np.ones(heard.x.size), centre - heard.x])
-    return _Receiver(apart, A, heard.level_dbm, heard.noise / weight)
+    return _Receiver(apart, A, heard.level_dbm, heard.noise, weight)
 
 
 def _best(receivers: list[_Receiver], first: Scatter, prior: Scatter) -> Scatter:
@@ -167,7 +163,8 @@ def _thinned(one: _Receiver) -> _Receiver:
     if one.y.size <= _ENOUGH:
         return one
     rows = np.linspace(0, one.y.size - 1, _ENOUGH).astype(int)
-    return _Receiver(one.apart[np.ix_(rows, rows)], one.A[rows], one.y[rows], one.noise[rows])
+    apart = one.apart[np.ix_(rows, rows)]
+    return _Receiver(apart, one.A[rows], one.y[rows], one.noise[rows], one.weight[rows])
 
 
 def _log_likelihood(receivers: list[_Receiver], scatter: Scatter) -> float:
@@ -218,9 +215,17 @@ def _left_out(
     return inverse @ (receiver.y - A @ common) / precision, 1.0 / precision
 
 
+def _weight(receiver: _Receiver, scatter: Scatter, *, common: Vector) -> Vector:
+    """Weight (p,), (2.5 sigma / error)^2 and at most 1, of each level by how odd it is."""
+    off, variance = _left_out(receiver, scatter, common=common)
+    # What an odd level was given in excess of the others does not excuse it.
+    excess = (receiver.noise + scatter.fading_db**2) * (1.0 / receiver.weight - 1.0)
+    return np.minimum(1.0, _ODD**2 * (variance - excess) / np.maximum(off**2, 1e-12))
+
+
 def _covariance(receiver: _Receiver, scatter: Scatter) -> Matrix:
     K = scatter.shadow_db**2 * np.exp(-receiver.apart / scatter.shadow_m)
-    return K + np.diag(receiver.noise + scatter.fading_db**2)
+    return K + np.diag((receiver.noise + scatter.fading_db**2) / receiver.weight)
 
 
 def _solve(receiver: _Receiver, scatter: Scatter) -> _Solved:

@@ -45,9 +45,9 @@ class CalibratedRssi:
     `pooled` is the model of a receiver like the others of which nothing was heard. `map_error_db`
     is the root mean square error of leaving one fingerprint out, `law_error_db` the same without
     the shadow's map: the difference is what the map buys. `expected_error_db` is what the models
-    expected of the first. `off` (m,) [dB] are these errors one by one, at `distance_m`, of receiver
-    number `sensor`; `odd` of them are of fingerprints that count less. Fingerprints are of `used`
-    readings, or rows of a survey, of `given`.
+    expected of the first. `off` and `off_law` (m,) [dB] are these errors one by one, at
+    `distance_m`, of receiver number `sensor`; `odd` of them are of fingerprints that count less.
+    Fingerprints are of `used` readings, or rows of a survey, of `given`.
     """
 
     site: Site
@@ -57,6 +57,7 @@ class CalibratedRssi:
     law_error_db: float
     expected_error_db: float
     off: Vector
+    off_law: Vector
     distance_m: Vector
     sensor: Indices
     odd: int
@@ -98,6 +99,7 @@ def learn(site: Site, survey: Fingerprints, *, still_db: Vector) -> CalibratedRs
         law_error_db=_root_mean_square(laws.off_law),
         expected_error_db=float(np.sqrt(laws.variance.mean())),
         off=laws.off,
+        off_law=laws.off_law,
         distance_m=rows.distance_m,
         sensor=survey.sensor[rows.row],
         odd=int(np.sum(laws.weight < 1.0)),

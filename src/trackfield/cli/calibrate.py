@@ -1,49 +1,40 @@
-"""`trackfield calibrate`: a run with truth in, a site with calibrated sensors out."""
+"""`trackfield calibrate`: a run with truth, or a survey, in; a calibrated site out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from trackfield.cli.output import (
-    Json,
-    check_figure,
-    check_output,
-    emit,
-    naming,
-    number,
-    progress,
-    say,
-    show_table,
-    warn,
-)
+from trackfield.cli.output import Json, check_figure, check_output, emit, progress, warn
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from trackfield.calibration.ranges import Calibration, Method
-    from trackfield.cli.calibrate_fields import FieldKind
+    from trackfield.calibration.ranges import Method
+    from trackfield.cli.learned import Learned
     from trackfield.network.site import Site
 
-
-class Fitted(NamedTuple):
-    """A calibration, the names of the targets that its readings know, and what looked odd."""
-
-    calibration: Calibration
-    target_ids: tuple[str, ...]
-    warnings: list[str]
+CalibratedKind = Literal["range", "signal", "detection", "rssi"]
 
 
 def calibrate(
     site: Annotated[Path, typer.Argument(metavar="SITE", help="The site's file, TOML.")],
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="Readings: CSV, NDJSON, Parquet.")],
-    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Where targets really were.")],
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DATA",
+            help="Readings (CSV, NDJSON, Parquet), or fingerprints of a survey (CSV).",
+        ),
+    ],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="SITE", help="Where the site is written.")
     ],
+    truth: Annotated[
+        Path | None,
+        typer.Argument(metavar="[TRUTH]", help="Where targets really were; a survey needs none."),
+    ] = None,
     method: Annotated[
         str,
         typer.Option(metavar="M", help="robust, or Wang's statistics: weighted or least-squares."),
@@ -53,78 +44,113 @@ def calibrate(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Fit the sensors' models of SITE to the readings of DATA, knowing the TRUTH."""
-    from trackfield.cli.calibrate_fields import calibrated_field, show_field
+    """Fit the sensors' models of SITE to the readings of DATA, knowing the TRUTH.
+
+    Where sensors tell signal strength, DATA may be a survey: fingerprints of known places.
+    """
     from trackfield.network.site_file import load_site
     from trackfield.network.site_writer import sensors_file_for, write_site
 
     chosen = parse_method(method)
     loaded = load_site(site)
-    inputs = (data, truth, loaded.sensors_file)
+    inputs = (data, truth, loaded.sensors_file, loaded.survey_file)
     check_output(output, inputs)
     if plot is not None:
         check_figure(plot)
         check_output(plot, (site, *inputs))
-    kind = field_kind(loaded)
-    if kind is not None and (plot is not None or chosen != "robust"):
-        problem = f"found --plot or --method, which are for ranges, on a site of {kind}s"
-        raise ConfigurationError([f"{site}: {problem}"])
+    kind = kind_of_all(loaded)
+    check_options(site, kind, method=chosen, plot=plot)
+    check_truth(data, truth, kind=kind)
+    with progress("calibrating") as moved:
+        learned = learn(loaded, data, truth, moved, kind=kind, method=chosen)
+    for warning in learned.warnings:
+        warn(warning)
+    comment = f"Calibrated on {data.name}{f' with {truth.name}' if truth else ''}."
+    write_site(learned.site, output, comment=comment)
     file = loaded.sensors_file
     result: dict[str, Any] = {
         "site": str(output),
         "sensors_file": str(sensors_file_for(file, output.parent)) if file else None,
+        **learned.numbers,
+        "warnings": learned.warnings,
     }
-    comment = f"Calibrated on {data.name} with {truth.name}."
-    if kind is not None:
-        with progress("calibrating") as moved:
-            learned = calibrated_field(loaded, data, truth, moved, kind=kind)
-        write_site(learned.site, output, comment=comment)
-        result |= {**learned.numbers, "warnings": []}
-        if as_json:
-            emit(result)
-        else:
-            show_field(result, learned.told)
-        return
-    with progress("calibrating") as moved:
-        calibration, target_ids, warnings = calibrated(loaded, data, truth, moved, method=chosen)
-    for warning in warnings:
-        warn(warning)
-    write_site(calibration.site, output, comment=comment)
-    result |= {**_numbers(calibration), "warnings": warnings}
-    if plot is not None:
-        from trackfield.plotting.calibration import plot_calibration
-        from trackfield.plotting.style import save
-
-        title = f"{loaded.name}: calibration on {data.name}"
-        save(plot_calibration(calibration, target_ids=target_ids, title=title), plot)
+    if plot is not None and learned.draw is not None:
+        learned.draw(f"{loaded.name}: calibration on {data.name}", plot)
         result["plot"] = str(plot)
     if as_json:
         emit(result)
         return
-    _show(result)
+    learned.show(result)
 
 
-def field_kind(site: Site) -> FieldKind | None:
-    """Kind of all sensors of a site, if they name no target; None for ranges.
+def learn(
+    site: Site,
+    data: Path,
+    truth: Path | None,
+    moved: Callable[[float], None],
+    *,
+    kind: CalibratedKind,
+    method: Method,
+) -> Learned:
+    """Fit the sensors of a site, all of one `kind`, to files."""
+    from trackfield.cli.calibrate_fields import learned_field
+    from trackfield.cli.calibrate_ranges import learned_ranges
+    from trackfield.cli.calibrate_rssi import learned_rssi
+
+    if truth is None or kind == "rssi":
+        return learned_rssi(site, data, truth, moved)
+    if kind == "range":
+        return learned_ranges(site, data, truth, moved, method=method)
+    return learned_field(site, data, truth, moved, kind=kind)
+
+
+def kind_of_all(site: Site) -> CalibratedKind:
+    """Kind of all sensors of a site.
 
     `ConfigurationError` where there are several kinds, or one that cannot be calibrated yet.
     """
     from trackfield.network.kinds import kind_of
 
     match sorted({kind_of(model) for model in site.models}):
-        case ["detection"]:
-            return "detection"
-        case ["signal"]:
-            return "signal"
+        case ["detection" | "signal" | "rssi" as kind]:
+            return kind
         case [] | ["range"]:
-            return None
+            return "range"
         case [kind]:
             found = f"found sensors of kind {kind!r}"
-            expected = "ranges, signals or detections: others cannot be calibrated yet"
+            expected = (
+                "ranges, signals, detections or signal strength: others cannot be calibrated yet"
+            )
             raise ConfigurationError([f"site {site.name}: {found}, expected {expected}"])
         case kinds:
             found = f"found sensors of kinds {', '.join(kinds)}"
             raise ConfigurationError([f"site {site.name}: {found}, expected one kind"])
+
+
+def check_options(site: Path, kind: CalibratedKind, *, method: Method, plot: Path | None) -> None:
+    """Refuse options that are for other kinds of sensors."""
+    if kind != "range" and method != "robust":
+        problem = f"found --method, which is for ranges, on a site of kind {kind!r}"
+        raise ConfigurationError([f"{site}: {problem}"])
+    if kind in {"signal", "detection"} and plot is not None:
+        problem = f"found --plot, which is for ranges and signal strength, on a site of {kind}s"
+        raise ConfigurationError([f"{site}: {problem}"])
+
+
+def check_truth(data: Path, truth: Path | None, *, kind: CalibratedKind) -> None:
+    """Refuse a survey with a truth, or without sensors of signal strength; a run without truth."""
+    from trackfield.io.fingerprints import holds_fingerprints
+
+    survey = holds_fingerprints(data)
+    if survey and kind != "rssi":
+        problem = f"found fingerprints for sensors of kind {kind!r}, expected readings"
+    elif survey and truth is not None:
+        problem = f"found fingerprints, whose places are known, expected no truth such as {truth}"
+    elif truth is None and not survey:
+        problem = "found no TRUTH, expected where targets really were, or fingerprints as DATA"
+    else:
+        return
+    raise ConfigurationError([f"{data}: {problem}"])
 
 
 def parse_method(text: str) -> Method:
@@ -135,61 +161,3 @@ def parse_method(text: str) -> Method:
         case _:
             expected = "robust, weighted or least-squares"
             raise ConfigurationError([f"--method: found {text!r}, expected {expected}"])
-
-
-def calibrated(
-    site: Site,
-    data: Path,
-    truth: Path,
-    moved: Callable[[float], None],
-    *,
-    method: Method = "robust",
-) -> Fitted:
-    """Fit a site to files."""
-    from trackfield.calibration.ranges import calibrate as fit
-    from trackfield.io.measurements import read_readings
-    from trackfield.io.truth import read_truth
-    from trackfield.network.survey import empty_survey, surveyed, unit_suspicion
-
-    known = read_truth(truth)
-    readings = read_readings(data, sensor_ids=site.sensor_ids, progress=moved)
-    suspicion = unit_suspicion(surveyed(empty_survey(site), readings))
-    warnings = [f"{data}: {suspicion}"] if suspicion else []
-    with naming(data, truth):
-        return Fitted(fit(site, readings, known, method=method), readings.target_ids, warnings)
-
-
-def _numbers(calibration: Calibration) -> dict[str, Any]:
-    """Say what was learned, for JSON."""
-    return {
-        "readings": calibration.given,
-        "used": calibration.used,
-        "clock_offset_s": dict(calibration.clock_offset_s),
-        "clock_error_s": {
-            target: error if isfinite(error) else None  # a clock that nothing tells
-            for target, error in calibration.clock_error_s.items()
-        },
-        "sensors": [row._asdict() for row in calibration.sensors],
-    }
-
-
-def _show(result: dict[str, Any]) -> None:
-    several = len(result["clock_offset_s"]) > 1
-    rows = [
-        [
-            f"{row['sensor_id']} of {row['target_id']}" if several else row["sensor_id"],
-            str(row["readings"]),
-            f"{number(row['bias_m'])} ± {number(row['bias_error_m'])}",
-            f"{number(row['scale'], 4)} ± {number(row['scale_error'], 4)}",
-            f"{number(row['sigma_m'])} ± {number(row['sigma_error_m'])}",
-        ]
-        for row in result["sensors"]
-    ]
-    show_table(("sensor", "readings", "bias [m]", "scale", "sigma [m]"), rows)
-    for target, offset in result["clock_offset_s"].items():
-        error = result["clock_error_s"][target]
-        say(
-            f"clock of {target or 'the readings'}: {offset:+.3f} ± {number(error)} s to the truth's"
-        )
-    say(f"{result['used']} of {result['readings']} readings had truth beside them")
-    say(f"{result['site']}: written; sensors stand as in {result['sensors_file'] or 'it'}")

@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
+from trackfield.cli.learned import Learned
 from trackfield.cli.output import naming, number, say, show_table
 
 if TYPE_CHECKING:
@@ -32,15 +33,7 @@ _OF_SIGNALS = {
 }
 
 
-class Learned(NamedTuple):
-    """A calibrated site, and what was learned: numbers for `--json`, lines for people."""
-
-    site: Site
-    numbers: dict[str, Any]
-    told: list[str]
-
-
-def calibrated_field(
+def learned_field(
     site: Site, data: Path, truth: Path, moved: Callable[[float], None], *, kind: FieldKind
 ) -> Learned:
     """Fit the sensors of a site, all of one kind, to files."""
@@ -57,7 +50,14 @@ def calibrated_field(
         return _of_signals(calibrate_signal_site(site, readings, known))
 
 
-def show_field(result: Mapping[str, Any], told: list[str]) -> None:
+def _learned(site: Site, numbers: dict[str, Any], told: list[str]) -> Learned:
+    def show(result: Mapping[str, Any]) -> None:
+        _show(result, told)
+
+    return Learned(site, numbers, show, [])
+
+
+def _show(result: Mapping[str, Any], told: list[str]) -> None:
     """Tell what all sensors share, and the rest as lines."""
     words = {**_OF_DETECTIONS, **_OF_SIGNALS}
     errors = result["pooled_errors"]
@@ -101,7 +101,7 @@ def _of_detections(found: CalibratedDetections) -> Learned:
             for name, row in zip(found.sensor_ids, learned.sensors, strict=True)
         ],
     }
-    return Learned(found.site, numbers, told)
+    return _learned(found.site, numbers, told)
 
 
 def _of_signals(found: CalibratedSignals) -> Learned:
@@ -127,7 +127,7 @@ def _of_signals(found: CalibratedSignals) -> Learned:
             )
         ],
     }
-    return Learned(found.site, numbers, told)
+    return _learned(found.site, numbers, told)
 
 
 def _known(errors: Mapping[str, float]) -> dict[str, float | None]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from trackfield.cli.calibrate import calibrated
+from trackfield.cli.calibrate_ranges import calibrated
 from trackfield.cli.output import check_figure, progress, say, show_table
 from trackfield.cli.runs import Lag, Wanted
 from trackfield.cli.score import COLUMNS, cells
