@@ -33,7 +33,7 @@ def calibrate(
     ],
     truth: Annotated[
         Path | None,
-        typer.Argument(metavar="[TRUTH]", help="Where targets really were; a survey needs none."),
+        typer.Argument(metavar="TRUTH", help="Where targets really were; a survey needs none."),
     ] = None,
     method: Annotated[
         str,
