@@ -13,7 +13,7 @@ from trackfield.network.survey import (
     data_problems,
     empty_survey,
     heard,
-    median_range,
+    median_value,
     surveyed,
     unit_suspicion,
 )
@@ -131,7 +131,7 @@ def test_the_typical_range_is_that_of_most_readings():
     survey = empty_survey(make_site(SQUARE))
     for value, n in ((5.0, 10), (7.0, 30), (900.0, 15)):
         survey = surveyed(survey, make_readings(range(n), [0] * n, [value] * n))
-    assert median_range(survey) == 7.0
+    assert median_value(survey) == 7.0
 
 
 @pytest.mark.parametrize(

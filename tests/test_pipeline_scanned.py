@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from plain_scans import Heard, PlainFilter, plain_run, plain_site, plain_table
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.scans import Scan
-from trackfield.pipeline.scanned import ScanTracker, track_scanned
+from trackfield.pipeline.runs import track_readings
+from trackfield.pipeline.scanned import ScanTracker
 from trackfield.types import Status, Tracks, join_rows
 
 COLUMNS = ("t_s", "position", "velocity", "covariance", "status", "nis", "track", "target")
@@ -248,8 +249,8 @@ def test_a_target_of_its_own_has_its_own_filter():
 def test_a_run_in_which_no_track_starts_is_told():
     rows = plain_table(SITE, [Heard(float(t), 0, 1.0) for t in range(5)])
     with pytest.raises(InputError, match=r"found 5 usable readings from 1 sensors \(s0\)"):
-        track_scanned(ScanTracker(SITE, PlainFilter()), [rows])
-    none = track_scanned(ScanTracker(SITE, PlainFilter()), [plain_table(SITE, [])])
+        track_readings(ScanTracker(SITE, PlainFilter()), [rows])
+    none = track_readings(ScanTracker(SITE, PlainFilter()), [plain_table(SITE, [])])
     assert len(none.tracks) == 0
 
 

@@ -28,9 +28,9 @@ from trackfield.metrics.score import score as score_tagged
 from trackfield.network.fingerprints import Fingerprints
 from trackfield.network.site import Site
 from trackfield.network.site_file import load_site
-from trackfield.pipeline import tagged
-from trackfield.pipeline.dispatch import feed_of, source_of
+from trackfield.pipeline.dispatch import family_of, feed_of, source_of, tracker_of
 from trackfield.pipeline.extent import settled
+from trackfield.pipeline.runs import track_readings
 from trackfield.pipeline.untagged import track_unknown
 from trackfield.sensing.rssi import RssiModel
 from trackfield.types import Readings, Reports, Tracks, Truth
@@ -64,11 +64,12 @@ def track(
 
     `site` is a `Site` or the path of its file. `data` are `Readings` or `Reports`, the path of a
     file, a mapping of columns or a data frame (those of `measurements.csv` or of `reports.csv`), or
-    chunks of any of these in order. What they are decides how they are tracked: ranges by the tags
-    that they name; reports, signals and detections as of unknown targets, by the site's
-    `tracker.method`, for which `seed` is. A region or step that the site leaves open is derived
-    from them. `lag_s` (or `lag_steps`, in updates) asks for positions that much later and better;
-    `every_s` thins the rows.
+    chunks of any of these in order. What they are decides how they are tracked: ranges, strengths
+    of beacons, and bearings, angular rates and motion by the tags that they name; amplitudes and
+    energy messages as passes of sources; reports, signals and detections as of unknown targets, by
+    the site's `tracker.method`, for which `seed` is. A region or step that the site leaves open is
+    derived from them. `lag_s` (or `lag_steps`, in updates) asks for positions that much later and
+    better; `every_s` thins the rows.
 
     `ConfigurationError` for a site and `InputError` for data that cannot be used.
     """
@@ -84,7 +85,9 @@ def track(
     feed = None if first is None else feed_of(first, seed=seed)
     whole = itertools.chain([] if first is None else [first], chunks)
     if feed is None:
-        return tagged.track(place, cast("Iterable[Readings]", whole), **lags).tracks
+        family = "range" if first is None else family_of(cast("Readings", first))
+        tracker = tracker_of(place, family, **lags)
+        return track_readings(tracker, cast("Iterable[Readings]", whole)).tracks
     if place.reports.region is None or place.reports.step_s is None:
         if isinstance(data, str | Path):  # is read twice rather than kept
             place = settled(place, stream_data(data, sensor_ids=place.sensor_ids))

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from trackfield.cli.output import Json, emit, naming, progress, say, show_table
-from trackfield.errors import ConfigurationError
+from trackfield.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from trackfield.network.defaults import Setting
+    from trackfield.network.kinds import Family
     from trackfield.network.site import Site
     from trackfield.network.survey import Survey
     from trackfield.network.timing import Timing
+
+_UNKNOWN = ("signal", "detection")  # families whose targets have no names
 
 
 class Look(NamedTuple):
@@ -36,15 +39,13 @@ def check(
     """Look at SITE, and at DATA if given: faults, doubts, and the defaults that apply."""
     from trackfield.io.data import holds_reports
     from trackfield.network.geometry import geometry
-    from trackfield.network.kinds import untracked
+    from trackfield.network.needs import Needs, needs
     from trackfield.network.site_file import load_site
 
     loaded = load_site(site)
-    places = geometry(loaded)
     of_reports = data is not None and holds_reports(data)
-    # Only who is located by ranges alone needs sensors that stand well for ranges.
-    ranged = _measures_ranges(loaded) and not untracked(loaded.models) and not of_reports
-    problems = [f"{site}: {problem}" for problem in places.problems if ranged]
+    found = Needs() if of_reports else needs(loaded)
+    problems = [f"{site}: {problem}" for problem in found.problems]
     look = None
     if data is not None:
         look = _look_at_reports(loaded, data) if of_reports else _look_at_readings(loaded, data)
@@ -53,9 +54,9 @@ def check(
     result: dict[str, Any] = {
         "ok": not problems,
         "problems": problems,
-        "remarks": [f"{site}: {remark}" for remark in places.remarks if ranged],
+        "remarks": [f"{site}: {remark}" for remark in found.remarks],
         "sensors": len(loaded.sensor_ids),
-        "span_m": places.span_m,
+        "span_m": geometry(loaded).span_m,
         "settings": {key: setting.to_json() for key, setting in applied.items()},
     }
     if look is not None:
@@ -67,12 +68,6 @@ def check(
         _show(site, result, rows)
     if problems:
         raise typer.Exit(1)
-
-
-def _measures_ranges(site: Site) -> bool:
-    from trackfield.sensing.range import RangeModel
-
-    return any(isinstance(model, RangeModel) for model in site.models)
 
 
 def _settings(told: Site, settled: Site) -> dict[str, Setting]:
@@ -88,26 +83,40 @@ def _settings(told: Site, settled: Site) -> dict[str, Setting]:
 
 def _look_at_readings(site: Site, data: Path) -> Look:
     from trackfield.io.measurements import stream_readings
-    from trackfield.network.kinds import untracked
     from trackfield.network.survey import data_problems, empty_survey, surveyed
     from trackfield.pipeline.extent import settled
 
-    ranged = _measures_ranges(site)
-    if not ranged:
+    family, problems = _family(site, data)
+    if family in _UNKNOWN:
         with naming(data):
             site = settled(site, stream_readings(data, sensor_ids=site.sensor_ids))
     survey = empty_survey(site)
     with progress("reading") as moved:
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)
-    problems = [
-        f"{site.name}: found sensors of kind {kind!r}, whose readings no tracker takes yet"
-        for kind in untracked(site.models)
-    ]
     problems += [f"{data}: {problem}" for problem in data_problems(survey)]
-    if not ranged:
+    if family in _UNKNOWN:
         problems += _scene_problems(site, of_signals=True)
     return Look(site, _numbers(survey), problems)
+
+
+def _family(site: Site, data: Path) -> tuple[Family | None, list[str]]:
+    """Tell of which family the readings are, and what keeps them from being tracked here."""
+    from trackfield.io.measurements import stream_readings
+    from trackfield.pipeline.dispatch import family_of, tracker_of
+
+    first = next(stream_readings(data, sensor_ids=site.sensor_ids))
+    try:
+        family = family_of(first)
+    except InputError as error:
+        return None, [f"{data}: {error}"]
+    if family in ("range", *_UNKNOWN):
+        return family, []  # ranges: their geometry is told already
+    try:
+        tracker_of(site, family)
+    except ConfigurationError as error:
+        return family, error.problems
+    return family, []
 
 
 def _look_at_reports(site: Site, data: Path) -> Look:
@@ -154,14 +163,15 @@ def _times(timing: Timing) -> dict[str, Any]:
 
 
 def _numbers(survey: Survey) -> dict[str, Any]:
-    from trackfield.network.survey import median_range
+    from trackfield.network.survey import median_value
 
     ids = survey.site.sensor_ids
     return {
         "readings": survey.timing.rows,
         "targets": list(survey.targets),
         **_times(survey.timing),
-        "median_range_m": median_range(survey) if survey.of_ranges else None,
+        "median_range_m": median_value(survey) if survey.family == "range" else None,
+        "median_rssi_dbm": median_value(survey) if survey.family == "rssi" else None,
         "per_sensor": {n: int(k) for n, k in zip(ids, survey.per_sensor, strict=True)},
     }
 
@@ -194,8 +204,11 @@ def _show_data(data: dict[str, Any]) -> None:
         say(f"longest silence {silence:.4g} s; {data['reports_a_step']:.4g} a step{told}")
     else:
         targets = ", ".join(data["targets"]) or "none named"
-        middle = data["median_range_m"]
-        told = "" if middle is None else f"; middle range {middle:.4g} m"
+        middles = data["median_range_m"], data["median_rssi_dbm"]
+        words = ("; middle range {:.4g} m", "; middle strength {:.4g} dBm")
+        told = "".join(
+            word.format(one) for word, one in zip(words, middles, strict=True) if one is not None
+        )
         say(f"{data['readings']} readings over {duration:.4g} s, targets: {targets}")
         say(f"longest silence {silence:.4g} s{told}")
     say(

@@ -16,7 +16,7 @@ from trackfield.cli.calibrate_ranges import calibrated
 from trackfield.cli.output import check_figure, progress, say, show_table
 from trackfield.cli.runs import Lag, Wanted
 from trackfield.cli.score import COLUMNS, cells
-from trackfield.cli.track_tagged import draw, run_tracker
+from trackfield.cli.track_readings import draw, run_tracker
 
 if TYPE_CHECKING:
     from trackfield.metrics.score import Score

@@ -21,6 +21,7 @@ from trackfield.cli.runs import Lag, Wanted, parse_lag
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from trackfield.network.kinds import Family
     from trackfield.network.site import Site
     from trackfield.pipeline.untagged import Feed
     from trackfield.types import Tracks, Truth
@@ -73,8 +74,8 @@ def track(
     ] = 0,
     as_json: Json = False,
 ) -> None:
-    """Track the targets of SITE by DATA: tagged ranges, or what names no target."""
-    from trackfield.cli import track_tagged as tagged
+    """Track the targets of SITE by DATA: readings that sensors made of them, or reports."""
+    from trackfield.cli import track_readings as readings
     from trackfield.cli import track_unknown as unknown
     from trackfield.io.truth import read_truth
     from trackfield.network.site_file import load_site
@@ -86,17 +87,17 @@ def track(
     keep = plot is not None or animate is not None
     wanted = Wanted(parse_lag(lag), every, keep=keep, commands=commands)
     check_outputs(output, wanted, plot, animate, inputs=(site, data, truth, loaded.sensors_file))
-    feed = feed_of_file(loaded, data, seed)
+    way = way_of_file(loaded, data, seed)
     with progress("tracking") as moved:
-        if feed is None:
-            loaded = tagged.prepared(loaded, site, method=method)
-            run = tagged.run_tracker(loaded, data, output, wanted=wanted, moved=moved)
+        if isinstance(way, str):
+            loaded = readings.prepared(loaded, site, way, method=method)
+            run = readings.run_tracker(loaded, data, output, family=way, wanted=wanted, moved=moved)
         else:
-            loaded = unknown.prepared(loaded, data, source=feed.source, method=method)
-            run = unknown.run_tracker(loaded, data, output, feed=feed, wanted=wanted, moved=moved)
+            loaded = unknown.prepared(loaded, data, source=way.source, method=method)
+            run = unknown.run_tracker(loaded, data, output, feed=way, wanted=wanted, moved=moved)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
     if plot is not None:
-        draw = tagged.draw if feed is None else unknown.draw
+        draw = readings.draw if isinstance(way, str) else unknown.draw
         draw(loaded, run.kept, known, plot)
         result["plot"] = str(plot)
     if animate is not None:
@@ -148,35 +149,33 @@ def play(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> N
     save_animation(join_rows(chunks), path, scenery=scenery, title=site.name)
 
 
-def feed_of_file(site: Site, data: Path, seed: int) -> Feed | None:
-    """Tell by its columns and first rows how a file is tracked; None for tagged ranges.
+def way_of_file(site: Site, data: Path, seed: int) -> Family | Feed:
+    """Tell how a file is tracked by its columns and first rows: a family of readings, or a feed.
 
     What a pipe holds is told by the site.
     """
     from trackfield.io.data import holds_reports
     from trackfield.io.measurements import stream_readings
-    from trackfield.network.kinds import kind_of
-    from trackfield.pipeline.dispatch import feed_of
+    from trackfield.network.kinds import families
+    from trackfield.pipeline.dispatch import family_of, feed_of
     from trackfield.pipeline.untagged import Feed
 
     if holds_reports(data):
         return Feed("reports", seed)
-    kinds = {kind_of(model) for model in site.models}
-    if kinds == {"range"}:
-        return None  # nothing else can be tracked on such a site
+    present = families(site.models)
+    if present == ("range",):
+        return "range"  # nothing else can be tracked on such a site
     if data.is_fifo():
-        match [*kinds]:
+        match present:
             case []:
                 return Feed("reports", seed)
-            case ["signal"]:
-                return Feed("signal", seed)
-            case ["detection"]:
-                return Feed("detection", seed)
-            case [kind]:
-                found = f"found sensors of kind {kind!r}, whose readings no tracker takes yet"
-                raise ConfigurationError([f"site {site.name}: {found}"])
+            case ["signal" | "detection" as source]:
+                return Feed(source, seed)
+            case [family]:
+                return family
             case _:
                 expected = "a file, as its sensors are of several kinds"
                 raise ConfigurationError([f"{data}: found a pipe, expected {expected}"])
     with naming(data):
-        return feed_of(next(stream_readings(data, sensor_ids=site.sensor_ids)), seed=seed)
+        first = next(stream_readings(data, sensor_ids=site.sensor_ids))
+        return feed_of(first, seed=seed) or family_of(first)

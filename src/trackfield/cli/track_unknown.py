@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast, get_args
 
 from trackfield.cli.output import naming, warn
 from trackfield.cli.runs import Outcome, Wanted
-from trackfield.cli.track_commands import orders_into
+from trackfield.cli.track_rows import rows_into
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -78,35 +78,20 @@ def run_tracker(
     moved: Callable[[float], None],
 ) -> Outcome:
     """Stream `data` through the tracker into `output`; the file appears only if the run is good."""
-    from trackfield.io.tracks import open_tracks
-    from trackfield.metrics.error import shown
     from trackfield.pipeline.untagged import UntaggedTracker
 
-    rows, visible, kept, times = 0, 0, list["Tracks"](), list[float]()
-    lag = wanted.lag
+    lag, times = wanted.lag, list[float]()
     tracker = UntaggedTracker(
         site, feed, lag_s=lag.seconds, lag_steps=lag.steps, every_s=wanted.every_s
     )
-    with (
-        open_tracks(output, origin=site.origin) as write,
-        orders_into(wanted.commands, site) as orders,
-        naming(data),
-    ):
-
-        def put(tracks: Tracks) -> None:
-            nonlocal rows, visible
-            rows, visible = rows + len(tracks), visible + int(shown(tracks).sum())
-            write(tracks)
-            orders.take(tracks)
-            kept.extend([tracks] if wanted.keep else [])
-
+    with rows_into(output, site, wanted) as sink, naming(data):
         for chunk in stream(site, data, feed.source, moved):
             times += [float(chunk.t_s.min()), float(chunk.t_s.max())]
-            put(tracker.process(chunk))
-        put(tracker.finish())
+            sink.put(tracker.process(chunk))
+        sink.put(tracker.finish())
     counts = tracker.counts
     warnings = [f"{data}: {odd}" for odd in _dropped(site, counts)]
-    if not visible:
+    if not sink.shown:
         warnings.append(f"{data}: no track was shown in {counts['steps']} steps")
     for warning in warnings:
         warn(warning)
@@ -119,8 +104,8 @@ def run_tracker(
         *([f"learned: {learned}"] if learned else []),
     ]
     numbers = {
-        "rows": rows,
-        "shown": visible,
+        "rows": sink.rows,
+        "shown": sink.shown,
         "source": feed.source,
         "method": site.tracker.method,
         "by_group": site.tracker.by_group,
@@ -132,8 +117,8 @@ def run_tracker(
         what: counts,
         "learned": dict(tracker.learned),
     }
-    told += orders.told
-    return Outcome({**numbers, **orders.numbers}, told, warnings, kept)
+    told += sink.orders.told
+    return Outcome({**numbers, **sink.orders.numbers}, told, warnings, sink.kept)
 
 
 def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.angular_rate import AngularRateModel
@@ -33,6 +33,10 @@ SensorModel = (
 """Parameters of one sensor, of any kind."""
 
 
+Family = Literal["range", "signal", "detection", "angle", "rssi", "amplitude", "energy_message"]
+"""Kinds whose readings are tracked together."""
+
+
 class Values(NamedTuple):
     """What a reading of a kind may be: `least` to `most`; 0 or 1 only, if `binary`."""
 
@@ -46,16 +50,16 @@ class Kind(NamedTuple):
     """A kind of sensor: its parameters, those believed where nothing is told, and its readings.
 
     What a person tells of a parameter settles the doubts that `doubts` names for it. `tagged` kinds
-    name their target, so that a target may have parameters of its own. What is not `tracked` counts
-    in bounds and plans only: no tracker takes its readings yet.
+    name their target, so that a target may have parameters of its own. Kinds of one `family` are
+    tracked together.
     """
 
     parameters: type[SensorModel]
     usual: SensorModel
     values: Values
+    family: Family
     doubts: Mapping[str, tuple[str, ...]] = {}
     tagged: bool = False
-    tracked: bool = True
 
 
 _NOISE = ("correlated_sigma_m", "learn_noise")
@@ -64,6 +68,7 @@ KINDS: Mapping[str, Kind] = {
         RangeModel,
         UNCALIBRATED,
         Values("a range of 0 or more", least=0.0),
+        "range",
         doubts={
             "bias_m": ("bias_sigma_m", "common_bias_sigma_m"),
             "scale": ("scale_sigma",),
@@ -72,51 +77,51 @@ KINDS: Mapping[str, Kind] = {
         },
         tagged=True,
     ),
-    "signal": Kind(SignalModel, SignalModel(), Values("a finite number")),
-    "detection": Kind(DetectionModel, DetectionModel(), Values("0 or 1", binary=True)),
+    "signal": Kind(SignalModel, SignalModel(), Values("a finite number"), "signal"),
+    "detection": Kind(DetectionModel, DetectionModel(), Values("0 or 1", binary=True), "detection"),
     "bearing": Kind(
         BearingModel,
         BearingModel(),
         Values("an angle in radians, -2 pi to 2 pi", least=-2.0 * math.pi, most=2.0 * math.pi),
+        "angle",
         tagged=True,
-        tracked=False,
     ),
     "angular_rate": Kind(
         AngularRateModel,
         AngularRateModel(),
         Values("a finite number"),
+        "angle",
         tagged=True,
-        tracked=False,
     ),
     "motion": Kind(
         MotionRateModel,
         MotionRateModel(),
         Values("a finite number"),
+        "angle",
         tagged=True,
-        tracked=False,
     ),
     "rssi": Kind(
         RssiModel,
         UNSURVEYED,
         Values("a strength in dBm, -200 to 100", least=-200.0, most=100.0),
+        "rssi",
         doubts={
             "sigma_db": ("shadow_db", "fading_db", "p_blocked", "p_outlier"),
             "p_blocked": ("p_outlier",),
         },
         tagged=True,
-        tracked=False,
     ),
     "amplitude": Kind(
         AmplitudeModel,
         AmplitudeModel(),
         Values("a finite number"),
-        tracked=False,
+        "amplitude",
     ),
     "energy_message": Kind(
         EnergyMessageModel,
         EnergyMessageModel(),
         Values("a code word, a whole number of 0 or more", least=0.0, most=2.0**51),
-        tracked=False,
+        "energy_message",
     ),
 }
 
@@ -126,7 +131,6 @@ def kind_of(model: SensorModel) -> str:
     return next(name for name, kind in KINDS.items() if isinstance(model, kind.parameters))
 
 
-def untracked(models: Iterable[SensorModel]) -> tuple[str, ...]:
-    """Name the kinds among `models` whose readings no tracker takes yet."""
-    kinds = dict.fromkeys(kind_of(model) for model in models)
-    return tuple(kind for kind in kinds if not KINDS[kind].tracked)
+def families(models: Iterable[SensorModel]) -> tuple[Family, ...]:
+    """Name the families of kinds among `models`, in order of appearance."""
+    return tuple(dict.fromkeys(KINDS[kind_of(model)].family for model in models))

@@ -211,7 +211,7 @@ def believed(kind: str, given: _Table) -> SensorModel:
     What is told is believed: a bias, scale or noise that is given has no doubt but what is given
     with it. What is not told is as usual for the kind: of ranges doubted, and learned on line.
     """
-    parameters, usual, _, doubts, *_ = KINDS[kind]
+    parameters, usual, _, _, doubts, *_ = KINDS[kind]
     settled = [doubt for key, of_key in doubts.items() if key in given for doubt in of_key]
     exact = {doubt: getattr(parameters(), doubt) for doubt in settled}
     return replace(usual, **{key: _fixed(value) for key, value in {**exact, **given}.items()})

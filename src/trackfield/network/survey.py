@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackfield.network.geometry import geometry
+from trackfield.network.kinds import families
+from trackfield.network.needs import needs
 from trackfield.network.site import Site
 from trackfield.network.timing import Timing, no_rows, timed
-from trackfield.sensing.range import RangeModel
 from trackfield.types import Matrix, Readings, Vector
 
 _LARGE, _SMALL = 50.0, 1 / 200  # of the field's diagonal: ranges beyond are in another unit
@@ -31,23 +32,25 @@ class Survey:
     window_s: float
 
     @property
-    def of_ranges(self) -> bool:
-        """Whether all that the site measures are ranges."""
-        return all(isinstance(model, RangeModel) for model in self.site.models)
+    def family(self) -> str | None:
+        """The family of kinds that the site measures, if it is one."""
+        present = families(self.site.models)
+        return present[0] if len(present) == 1 else None
 
 
 def empty_survey(site: Site) -> Survey:
     """Begin a survey for a run on `site`."""
-    of_ranges = all(isinstance(model, RangeModel) for model in site.models)
-    steps_s = site.tracker.window_steps * (site.reports.step_s or 1.0)
-    return Survey(
+    survey = Survey(
         site=site,
         timing=no_rows(4),
         per_sensor=np.zeros(len(site.sensor_ids)),
         medians=np.empty((0, 2)),
         targets=(),
-        window_s=site.tracker.window_s if of_ranges else steps_s,
+        window_s=site.tracker.window_s,
     )
+    if survey.family not in ("signal", "detection", None):
+        return survey
+    return replace(survey, window_s=site.tracker.window_steps * (site.reports.step_s or 1.0))
 
 
 def surveyed(survey: Survey, readings: Readings) -> Survey:
@@ -72,19 +75,23 @@ def heard(survey: Survey) -> tuple[str, ...]:
     return tuple(name for name, count in zip(ids, survey.per_sensor, strict=True) if count)
 
 
-def median_range(survey: Survey) -> float:
-    """Find the typical reading [m]: the median over chunks of their medians, by size."""
+def median_value(survey: Survey) -> float:
+    """Find the typical reading: the median over chunks of their medians, by size."""
     order = np.argsort(survey.medians[:, 1])
     weight = np.cumsum(survey.medians[order, 0])
     return float(survey.medians[order[np.searchsorted(weight, 0.5 * weight[-1])], 1])
 
 
 def unit_suspicion(survey: Survey) -> str | None:
-    """Say if ranges and places of sensors seem to be in different units; None if not."""
-    span = geometry(survey.site).span_m
-    if not survey.timing.rows or span <= 0.0 or not survey.of_ranges:
+    """Say if readings seem to be in another unit than they should; None if not."""
+    if not survey.timing.rows:
         return None
-    typical = median_range(survey)
+    typical = median_value(survey)
+    if survey.family == "rssi":
+        return _of_strengths(typical)
+    span = geometry(survey.site).span_m
+    if span <= 0.0 or survey.family != "range":
+        return None
     if _SMALL * span <= typical <= _LARGE * span:
         return None
     kind = "large" if typical > span else "small"
@@ -94,16 +101,23 @@ def unit_suspicion(survey: Survey) -> str | None:
     )
 
 
+def _of_strengths(typical: float) -> str | None:
+    if typical < 0.0:
+        return None
+    return (
+        f"strengths are {typical:g} dBm in the middle: beacons are heard with less than 0 dBm; is "
+        "the sign missing, or are they a quality of some other scale?"
+    )
+
+
 def data_problems(survey: Survey) -> tuple[str, ...]:
     """Say what keeps a run from being tracked: nothing said, too few sensors, a line, units."""
     if not survey.timing.rows:
         return ("found no readings, expected at least three of three sensors",)
-    if not survey.of_ranges:
-        return ()
     speaking = heard(survey)
     problems: list[str] = []
     if len(speaking) < len(survey.site.sensor_ids):
-        found = geometry(survey.site, speaking).problems
+        found = needs(survey.site, speaking).problems
         problems += [f"of the sensors that say anything: {problem}" for problem in found]
     suspicion = unit_suspicion(survey)
     return (*problems, suspicion) if suspicion else tuple(problems)

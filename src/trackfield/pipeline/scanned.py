@@ -20,9 +20,8 @@ from trackfield.pipeline.lags import require_lags
 from trackfield.pipeline.scan_archive import pack_stream, unpack_into
 from trackfield.pipeline.scan_stream import Said, ScanStream, StreamRules, ToldRow
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
-from trackfield.pipeline.tagged import Run, sort_rows
 from trackfield.pipeline.tagged_rows import ANONYMOUS, Numbering, TargetRow
-from trackfield.types import Readings, Tracks, join_rows
+from trackfield.types import Readings, Tracks
 
 _FATES = ("accepted", "duplicate", "late", "rewound")  # of readings
 
@@ -77,6 +76,11 @@ class ScanTracker(Generic[State]):
     def heard(self) -> tuple[str, ...]:
         """Sensors that have spoken."""
         return tuple(self._site.sensor_ids[i] for i in sorted(self._spoken))
+
+    @property
+    def wants(self) -> str:
+        """What it takes to start a track, in words."""
+        return "more readings of one target from more sensors, nearer in time"
 
     def process(self, readings: Readings, *, watermark_s: float | None = None) -> Tracks:
         """Take readings, in order of arrival; return the rows that are settled now.
@@ -185,27 +189,3 @@ class ScanTracker(Generic[State]):
         table = np.array(columns, np.float64).T
         rows = in_order(Rows(readings.t_s, readings.arrival_s, table), np.ones(len(table), bool))
         return cast("Iterable[tuple[float, ...]]", rows.rows.tolist())
-
-
-def track_scanned(tracker: ScanTracker[State], readings: Iterable[Readings]) -> Run:
-    """Track all targets of a whole run; rows in order of time.
-
-    Raises `InputError` if no track could start because too little was heard.
-    """
-    parts = [tracker.process(chunk) for chunk in readings]
-    parts.append(tracker.finish())
-    require_scanned(tracker)
-    return Run(sort_rows(join_rows(parts)), tracker.counts)
-
-
-def require_scanned(tracker: ScanTracker[State]) -> None:
-    """Raise `InputError` if a finished run started no track, saying what was heard."""
-    counts = tracker.counts
-    if counts["started"] or not counts["accepted"]:
-        return
-    heard = ", ".join(tracker.heard[:8])
-    raise InputError(
-        f"found {counts['accepted']} usable readings from {len(tracker.heard)} sensors ({heard}) "
-        "and no time at which a track could start, expected more readings of one target from more "
-        "sensors, nearer in time"
-    )

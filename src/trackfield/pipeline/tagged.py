@@ -20,6 +20,7 @@ from trackfield.network.geometry import geometry
 from trackfield.network.site import Site, range_models
 from trackfield.pipeline.intake import require_finite
 from trackfield.pipeline.lags import require_lags
+from trackfield.pipeline.runs import Run, track_readings
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.tagged_rows import ANONYMOUS
 from trackfield.types import (
@@ -27,16 +28,7 @@ from trackfield.types import (
     Readings,
     Tracks,
     Vector,
-    join_rows,
-    select_rows,
 )
-
-
-class Run(NamedTuple):
-    """Outcome of a whole run: rows in order of time, and how readings fared."""
-
-    tracks: Tracks
-    counts: dict[str, int]
 
 
 class Fix(NamedTuple):
@@ -107,6 +99,11 @@ class Tracker:
     def heard(self) -> tuple[str, ...]:
         """Sensors that have spoken."""
         return tuple(self._site.sensor_ids[i] for i in self._bank.heard())
+
+    @property
+    def wants(self) -> str:
+        """What it takes to start a track, in words."""
+        return "at least 6 readings of one target from 3 sensors within 4 s"
 
     def process(self, readings: Readings, *, watermark_s: float | None = None) -> Tracks:
         """Take readings, in order of arrival; return the rows that are settled now.
@@ -301,32 +298,9 @@ def track(
     lag_steps: int = 0,
     every_s: float = 0.0,
 ) -> Run:
-    """Track all targets of a whole run; rows in order of time.
+    """Track all targets of a whole run by their ranges; rows in order of time.
 
     Raises `InputError` if no track could start because too little was heard.
     """
     tracker = Tracker(site, lag_s=lag_s, lag_steps=lag_steps, every_s=every_s)
-    chunks = (readings,) if isinstance(readings, Readings) else readings
-    parts = [tracker.process(chunk) for chunk in chunks]
-    parts.append(tracker.finish())
-    require_tracks(tracker)
-    return Run(sort_rows(join_rows(parts)), tracker.counts)
-
-
-def require_tracks(tracker: Tracker) -> None:
-    """Raise `InputError` if a finished run started no track, saying what was missing."""
-    counts = tracker.counts
-    if counts["started"] or not counts["accepted"]:
-        return
-    raise InputError(
-        f"found {counts['accepted']} usable readings from {len(tracker.heard)} sensors "
-        f"({', '.join(tracker.heard[:8])}) and no time at which a track could start, "
-        "expected at least 6 readings of one target from 3 sensors within 4 s"
-    )
-
-
-def sort_rows(tracks: Tracks) -> Tracks:
-    """Rows in order of time; rows of one time stay in the order in which they were shown."""
-    if np.all(tracks.t_s[1:] >= tracks.t_s[:-1]):
-        return tracks
-    return select_rows(tracks, np.argsort(tracks.t_s, kind="stable"))
+    return track_readings(tracker, (readings,) if isinstance(readings, Readings) else readings)

@@ -25,10 +25,10 @@ from trackfield.pipeline.fronts import Front, Scan, Source, Table
 from trackfield.pipeline.lags import lag_in_steps
 from trackfield.pipeline.methods import associator_of, front_of
 from trackfield.pipeline.rows import Row, Shown, tell, tracks_of
+from trackfield.pipeline.runs import Run
 from trackfield.pipeline.scene import scene
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
 from trackfield.pipeline.slots import Closing, Rules, Slots
-from trackfield.pipeline.tagged import Run
 from trackfield.types import Report, Tracks, join_rows
 
 _REMEMBERED = 16  # scans whose reports can be looked up

@@ -1,19 +1,21 @@
-"""Tagged targets on the command line: ranges in, tracks out."""
+"""Readings on the command line: what sensors say of tags and sources in, tracks out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trackfield.cli.output import RunError, naming, warn
 from trackfield.cli.runs import Outcome, Wanted
-from trackfield.cli.track_commands import orders_into
+from trackfield.cli.track_rows import rows_into
 from trackfield.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
+    from trackfield.network.kinds import Family
     from trackfield.network.site import Site
+    from trackfield.pipeline.runs import ReadingsTracker
     from trackfield.types import Tracks, Truth
 
 # What is told of the tracker's counts, in which words.
@@ -26,24 +28,33 @@ COUNTS = {
     },
     "tracks": {"started": "started", "restarted": "started again", "ended": "ended"},
 }
+# Why readings were dropped, in which words.
+DROPPED = {
+    "duplicate": "came again and were dropped",
+    "late": "came later than tracker.window_s = {window:g} allows and were dropped",
+    "out_of_range": "were beyond max_range_m and were dropped",
+}
 
 
-def prepared(site: Site, path: Path, *, method: str | None) -> Site:
+def prepared(site: Site, path: Path, family: Family, *, method: str | None) -> Site:
     """Take motion `method` for the site of file `path`; refuse one on which nothing is tracked."""
-    from trackfield.network.geometry import geometry_problems
+    from trackfield.network.needs import needs
 
-    site = with_motion(site, method)
-    problems = [f"{path}: {problem}" for problem in geometry_problems(site)]
+    site = with_motion(site, family, method)
+    problems = [f"{path}: {problem}" for problem in needs(site).problems]
     if problems:
         raise ConfigurationError(problems)
     return site
 
 
-def with_motion(site: Site, method: str | None) -> Site:
+def with_motion(site: Site, family: Family, method: str | None) -> Site:
     """Put motion `method`, if one is given, in place of the site's own."""
+    if method is None:
+        return site
+    if family in ("amplitude", "energy_message"):
+        expected = "expected none for amplitudes and their messages: targets pass straight"
+        raise ConfigurationError([f"--method: found {method!r}, {expected}"])
     match method:
-        case None:
-            return site
         case "imm" | "cv":
             return replace(site, target=replace(site.target, motion=method))
         case _:
@@ -53,35 +64,30 @@ def with_motion(site: Site, method: str | None) -> Site:
 
 
 def run_tracker(
-    site: Site, data: Path, output: Path, *, wanted: Wanted, moved: Callable[[float], None]
+    site: Site,
+    data: Path,
+    output: Path,
+    *,
+    family: Family = "range",
+    wanted: Wanted,
+    moved: Callable[[float], None],
 ) -> Outcome:
     """Stream `data` through the tracker into `output`; the file appears only if the run is good."""
     from trackfield.io.measurements import stream_readings
-    from trackfield.io.tracks import open_tracks
-    from trackfield.metrics.error import shown
     from trackfield.network.survey import data_problems, empty_survey, surveyed, unit_suspicion
-    from trackfield.pipeline.tagged import Tracker, require_tracks
+    from trackfield.pipeline.dispatch import tracker_of
+    from trackfield.pipeline.runs import require_tracks
 
-    survey, rows, visible, kept = empty_survey(site), 0, 0, list["Tracks"]()
-    tracker = Tracker(
-        site, lag_s=wanted.lag.seconds, lag_steps=wanted.lag.steps, every_s=wanted.every_s
+    survey, lag = empty_survey(site), wanted.lag
+    tracker = tracker_of(
+        site, family, lag_s=lag.seconds, lag_steps=lag.steps, every_s=wanted.every_s
     )
-    with (
-        open_tracks(output, origin=site.origin) as write,
-        orders_into(wanted.commands, site) as orders,
-    ):
-
-        def put(tracks: Tracks) -> None:
-            nonlocal rows, visible
-            rows, visible = rows + len(tracks), visible + int(shown(tracks).sum())
-            write(tracks)
-            orders.take(tracks)
-            kept.extend([tracks] if wanted.keep else [])
-
+    with rows_into(output, site, wanted) as sink:
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)
-            put(tracker.process(chunk))
-        put(tracker.finish())
+            with naming(data):
+                sink.put(tracker.process(chunk))
+        sink.put(tracker.finish())
         suspicion = unit_suspicion(survey)
         warnings = [f"{data}: {odd}" for odd in (suspicion, *_dropped(site, tracker.counts)) if odd]
         for warning in warnings:
@@ -91,37 +97,40 @@ def run_tracker(
             raise InputError(f"{data}: {'; '.join(fatal)}")
         with naming(data):
             require_tracks(tracker)
-        if visible == 0:
+        if sink.shown == 0:
             raise RunError(
                 f"{data}: found {survey.timing.rows} readings, and no track was confirmed"
             )
-    numbers = {
-        "rows": rows,
-        "shown": visible,
+    numbers: dict[str, Any] = {
+        "rows": sink.rows,
+        "shown": sink.shown,
         "targets": list(survey.targets),
         "first_s": survey.timing.first_s,
         "last_s": survey.timing.last_s,
         "readings": dict(tracker.counts),
     }
-    told = [
-        f"{what}: " + ", ".join(f"{tracker.counts[key]} {name}" for key, name in names.items())
+    numbers |= sink.orders.numbers
+    return Outcome(numbers, [*_told(tracker), *sink.orders.told], warnings, sink.kept)
+
+
+def _told(tracker: ReadingsTracker) -> list[str]:
+    """Say how readings and tracks fared."""
+    counts = tracker.counts
+    return [
+        f"{what}: "
+        + ", ".join(f"{counts[key]} {name}" for key, name in names.items() if key in counts)
         for what, names in COUNTS.items()
     ]
-    told += orders.told
-    return Outcome({**numbers, **orders.numbers}, told, warnings, kept)
 
 
 def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
     """Say which readings the tracker had to leave out."""
-    said: list[str] = []
-    if counts["duplicate"]:
-        said.append(f"{counts['duplicate']} readings came again and were dropped")
-    if counts["late"]:
-        window = f"tracker.window_s = {site.tracker.window_s:g}"
-        said.append(f"{counts['late']} readings came later than {window} allows and were dropped")
-    if counts["out_of_range"]:
-        said.append(f"{counts['out_of_range']} readings were beyond max_range_m and were dropped")
-    return said
+    window = site.tracker.window_s
+    return [
+        f"{counts[name]} readings {why.format(window=window)}"
+        for name, why in DROPPED.items()
+        if counts.get(name)
+    ]
 
 
 def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:

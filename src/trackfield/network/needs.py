@@ -1,0 +1,71 @@
+"""What tracking needs of a site: how many sensors of a kind, and where they must stand."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from trackfield.network.geometry import FLAT, geometry, thinness
+from trackfield.network.kinds import Family, families, kind_of
+from trackfield.network.site import Site
+
+_ALONE = "a single one tells no place"
+_MIRRORED: dict[Family, str] = {  # what a line of sensors does not tell
+    "rssi": "a beacon and its mirror image about the line sound the same",
+    "amplitude": "a trajectory and its mirror image about the line sound the same: both are told",
+    "energy_message": (
+        "a trajectory and its mirror image about the line sound the same: both are told"
+    ),
+}
+
+
+class Needs(NamedTuple):
+    """What makes positions impossible or ambiguous: everywhere (`problems`), or often."""
+
+    problems: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def needs(site: Site, sensors: tuple[str, ...] | None = None) -> Needs:
+    """Judge all sensors of a site, or those named, by what they measure.
+
+    Sites of several families, and of kinds that tell of unknown targets, are not judged: who knows
+    which of them speaks.
+    """
+    present = families(site.models)
+    if len(present) != 1:
+        return Needs()
+    (family,) = present
+    if family == "range":
+        places = geometry(site, sensors)
+        return Needs(places.problems, places.remarks)
+    ids = site.sensor_ids if sensors is None else sensors
+    own = [i for i, name in enumerate(site.sensor_ids) if name in set(ids)]
+    some = ", ".join(ids[:8]) + (", ..." if len(ids) > 8 else "") or "none"
+    found = f"found {len(ids)} sensors ({some})"
+    if family == "angle":
+        kinds = {kind_of(site.models[i]) for i in own}
+        return _of_angles(found, len(own), kinds)
+    if family not in _MIRRORED:
+        return Needs()
+    if len(own) < 2:
+        return Needs((f"{found}, expected at least 2, and better 3: {_ALONE}",))
+    if len(own) == 2 or thinness(site.positions[own, :2]) < FLAT:
+        return Needs(remarks=(f"{found}, all on one line: {_MIRRORED[family]}",))
+    return Needs()
+
+
+def _of_angles(found: str, count: int, kinds: set[str]) -> Needs:
+    """Judge sensors that tell directions, how fast they turn, or motion across them."""
+    if count < 2:
+        return Needs((f"{found}, expected at least 2: {_ALONE}",))
+    if "bearing" not in kinds and count < 3:
+        expected = "at least 3 of angular_rate and motion, or a bearing among them"
+        return Needs((f"{found}, expected {expected}",))
+    if kinds == {"motion"} and count < 5:
+        return Needs(
+            remarks=(
+                f"{found}, which leave several answers at first: motion sensors do not tell which "
+                "way a target goes, and fewer than 5 not where it is until it has moved on",
+            )
+        )
+    return Needs()
