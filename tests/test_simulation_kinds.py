@@ -6,6 +6,7 @@ import pytest
 from conftest import ROOT
 from trackfield.errors import ConfigurationError
 from trackfield.sensing import angular_rate, bearing, motion_rate, rssi
+from trackfield.sensing.energy_message import decode
 from trackfield.simulation.hearing import all_of, hear_readings
 from trackfield.simulation.scenario_file import load_scenario, scenario_from_toml
 from trackfield.simulation.sources import clocks, levels
@@ -151,6 +152,33 @@ def test_an_empty_field_says_its_noise():
     assert np.abs(far.value).max() < 0.01
 
 
+MESSAGES = "[energy_message]\nsigma = 0.02\nsample_s = 0.5\nrecord_s = 30\n"
+
+
+def test_messages_are_fits_of_the_records_that_follow_each_other():
+    """Decoded, they tell when the source was nearest and how loud it was then."""
+    near = ROW.replace("start = [5, 10]", "start = [12, 10]")
+    world, readings = heard(MESSAGES + near)
+    model = world.scenario.energy_message
+    assert dict(zip(*np.unique(readings.t_s, return_counts=True), strict=True)) == {
+        30.0: 5,
+        60.0: 5,
+        90.0: 5,
+    }
+    assert {readings.kinds[k] for k in readings.kind} == {"energy_message"}
+    first = readings.sensor == 4  # at (15, 10.5): nearest after 15 s
+    told = decode(model, readings.value[first][:1], end_s=30.0)
+    assert told.profile.t_max_s[0] == pytest.approx(15.0, abs=0.2)
+    assert told.profile.a_max[0] == pytest.approx(3.0 / 0.5, rel=0.05)
+
+
+def test_a_record_without_anything_is_told_so():
+    _, readings = heard(MESSAGES.replace("sigma = 0.02", "sigma = 1.0"))
+    assert np.mean(readings.value == 0.0) > 0.9
+    clock, told = heard(MESSAGES + "clock_sigma_s = 0.5\n" + ROW)
+    np.testing.assert_allclose(told.t_s - told.arrival_s, clocks(clock)[told.sensor])
+
+
 def test_clocks_are_off_each_by_its_own():
     world, readings = heard("[amplitude]\nclock_sigma_s = 0.2\n" + ROW)
     ahead = clocks(world)
@@ -200,7 +228,7 @@ def test_what_cannot_be_is_told(text, told):
 
 
 def test_the_shipped_scenarios_of_these_kinds_say_something_of_everything():
-    for name in ("rssi", "bearings", "rates", "motion", "energy"):
+    for name in ("rssi", "bearings", "rates", "motion", "energy", "messages"):
         world = make_world(load_scenario(ROOT / "examples" / "scenarios" / f"{name}.toml"))
         readings, _ = all_of(hear_readings(world))
         assert {*np.unique(readings.sensor)} == {*range(len(readings.sensor_ids))}, name

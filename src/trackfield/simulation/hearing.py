@@ -17,6 +17,7 @@ from trackfield.network.passage import Passed, Sent, in_order, pass_readings, pa
 from trackfield.simulation import sensed, sources
 from trackfield.simulation.faults import struck
 from trackfield.simulation.fused import fuse, loud_from
+from trackfield.simulation.messages import draw_messages
 from trackfield.simulation.scenario import Carried, Scenario
 from trackfield.simulation.sensed import Loudness, Steps
 from trackfield.simulation.tags import Drawn, draw_tagged, readings_of
@@ -182,6 +183,8 @@ def _kept(world: World) -> _Kept:
     scenario, deployment, truth = world.scenario, world.deployment, world.truth
     if scenario.tagged:
         return draw_tagged(scenario, deployment, truth, rng=stream(world.seed, "sensing"))
+    if scenario.energy_message is not None:
+        return draw_messages(world)
     if scenario.signal is not None:
         rng = stream(world.seed, "errors")
         return sensed.loudness(scenario.signal, deployment, len(truth.target_ids), rng)
