@@ -305,3 +305,15 @@ def test_lags_are_seconds_or_updates():
     for text in ("", "s", "steps", "1.5steps", "-2steps", "nan", "inf", "2m"):
         with pytest.raises(ConfigurationError, match="--lag: found"):
             parse_lag(text)
+
+
+def test_one_target_needs_no_name(call, run):
+    """What the pages say: leave `target_id` out if there is only one."""
+    data = run / "measurements.csv"
+    named = call("track", run / "site.toml", data, "-o", run / "named.csv")
+    data.write_text("\n".join(line.rpartition(",")[0] for line in data.read_text().splitlines()))
+    done = call("track", run / "site.toml", data, "-o", run / "tracks.csv", "--json")
+    assert (named.code, done.code) == (0, 0)
+    assert done.json["targets"] == []
+    rows = (run / "tracks.csv").read_text()
+    assert rows == (run / "named.csv").read_text().replace(",tag\n", ",\n")

@@ -224,9 +224,6 @@ def test_one_kind_of_reading_at_a_time():
     both = replace(readings, kind=np.arange(len(readings), dtype=np.int32) % 2)
     with pytest.raises(InputError, match="found readings of kinds range, signal, expected one"):
         source_of(both)
-    other = replace(readings, kinds=("range", "signal", "bearing"))
-    with pytest.raises(InputError, match="'bearing', which no tracker takes yet"):
-        source_of(other)
 
 
 def test_copies_of_readings_change_nothing():

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from trackfield.errors import InputError
+from trackfield.errors import ConfigurationError, InputError
 from trackfield.filtering import angle_tracker, rssi_tracker
+from trackfield.filtering.scans import ScanFilter, State
 from trackfield.network.kinds import KINDS, Family
 from trackfield.network.site import Site
 from trackfield.pipeline.fronts import Source, Table
 from trackfield.pipeline.runs import ReadingsTracker
 from trackfield.pipeline.scanned import ScanTracker
 from trackfield.pipeline.tagged import Tracker
-from trackfield.pipeline.trajectories import TrajectoryTracker
 from trackfield.pipeline.untagged import Feed
 from trackfield.types import Readings, Reports
 
 _UNKNOWN: dict[Family, Source] = {"signal": "signal", "detection": "detection"}
-_FILTERS = {"rssi": rssi_tracker.create, "angle": angle_tracker.create}
 
 
 def tracker_of(
@@ -35,9 +35,18 @@ def tracker_of(
     asked: dict[str, Any] = {"lag_s": lag_s, "lag_steps": lag_steps, "every_s": every_s}
     if family == "range":
         return Tracker(site, **asked)
-    if family in ("amplitude", "energy_message"):
-        return TrajectoryTracker(site, **asked)
-    create = _FILTERS[family]
+    if family == "rssi":
+        return _scanned(site, rssi_tracker.create, asked)
+    if family == "angle":
+        return _scanned(site, angle_tracker.create, asked)
+    found = f"found readings of {family}, which no tracker takes yet"
+    raise ConfigurationError([f"site {site.name}: {found}"])
+
+
+def _scanned(
+    site: Site, create: Callable[[Site], ScanFilter[State]], asked: Mapping[str, Any]
+) -> ScanTracker[State]:
+    """Put an operator around a filter; targets that have models of their own have their own."""
     own = {
         name: create(replace(site, models=models)) for name, models in site.target_models.items()
     }
@@ -72,7 +81,7 @@ def family_of(readings: Readings) -> Family:
     `InputError` where there are several families: they are tracked one at a time.
     """
     present = [readings.kinds[int(kind)] for kind in np.unique(readings.kind)]
-    families = list(dict.fromkeys(KINDS[kind].family for kind in present))
+    families: list[Family] = list(dict.fromkeys(KINDS[kind].family for kind in present))
     if len(families) > 1:
         raise InputError(
             f"found readings of kinds {', '.join(present)}, expected one kind: "

@@ -22,7 +22,7 @@ from trackfield.pipeline.intake import require_finite
 from trackfield.pipeline.lags import require_lags
 from trackfield.pipeline.runs import Run, track_readings
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
-from trackfield.pipeline.tagged_rows import ANONYMOUS
+from trackfield.pipeline.tagged_rows import ANONYMOUS, named
 from trackfield.types import (
     Indices,
     Readings,
@@ -257,8 +257,7 @@ class Tracker:
         numbers, names = self._bank.take()
         count, status, target = (np.ascontiguousarray(names[:, i]) for i in range(3))
         track = self._track_numbers(target, count)
-        if ANONYMOUS in self._targets:
-            target = np.where(target == self._targets[ANONYMOUS], np.int32(-1), target)
+        target, names_told = named(target, self._targets)
         return Tracks(
             t_s=np.ascontiguousarray(numbers[:, 0]),
             track=track,
@@ -268,7 +267,7 @@ class Tracker:
             status=status,
             target=target,
             nis=np.ascontiguousarray(numbers[:, 10]),
-            target_ids=tuple(self._targets),
+            target_ids=names_told,
         )
 
     def _track_numbers(self, target: Indices, count: Indices) -> Indices:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from trackfield.filtering.scans import Shown
-from trackfield.types import Tracks, Vector
+from trackfield.types import Indices, Tracks, Vector
 
 ANONYMOUS = ""  # the one target of readings that name none
 
@@ -38,8 +38,7 @@ class Numbering:
 
     def table(self, rows: Sequence[TargetRow]) -> Tracks:
         """Make a table of rows, in the order in which they are told."""
-        nameless = self.targets.get(ANONYMOUS, -1)
-        target = np.array([row.target for row in rows], np.int32)
+        target, names = named(np.array([row.target for row in rows], np.int32), self.targets)
         return Tracks(
             t_s=np.array([row.shown.t_s for row in rows], np.float64),
             track=np.array([row.track for row in rows], np.int32),
@@ -47,10 +46,23 @@ class Numbering:
             velocity=_vectors([row.shown.velocity for row in rows]),
             covariance=_vectors([row.shown.covariance for row in rows]),
             status=np.array([row.shown.status for row in rows], np.int32),
-            target=np.where(target == nameless, np.int32(-1), target),
+            target=target,
             nis=np.array([row.shown.nis for row in rows], np.float64),
-            target_ids=tuple(self.targets),
+            target_ids=names,
         )
+
+
+def named(target: Indices, targets: Mapping[str, int]) -> tuple[Indices, tuple[str, ...]]:
+    """Places (n,) of the `target` numbers (n,) among the names of those that have one, and these.
+
+    Who has no name is in place -1.
+    """
+    names = tuple(name for name in targets if name != ANONYMOUS)
+    if ANONYMOUS not in targets:
+        return target, names
+    nameless = targets[ANONYMOUS]
+    places = np.where(target > nameless, target - 1, target)
+    return np.where(target == nameless, -1, places).astype(np.int32), names
 
 
 def _vectors(rows: list[Vector]) -> Vector:
