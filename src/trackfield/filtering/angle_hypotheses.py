@@ -9,7 +9,7 @@ import numpy as np
 from trackfield.filtering import interacting, smoothing
 from trackfield.filtering.angle_state import AngleTrack
 from trackfield.filtering.interacting import Modes
-from trackfield.filtering.matrices import form
+from trackfield.filtering.matrices import solve
 from trackfield.filtering.scans import Shown
 from trackfield.filtering.smoothing import Passed
 from trackfield.motion import ConstantVelocity
@@ -47,8 +47,7 @@ def thinned(track: AngleTrack) -> AngleTrack:
 
 def _apart2(whole: Gaussian, i: int, j: int) -> float:
     apart = whole.mean[i] - whole.mean[j]
-    inverse: Matrix = np.linalg.inv(whole.covariance[j])
-    return float(form(apart, inverse))
+    return float(apart @ solve(whole.covariance[j], apart))
 
 
 def weight_of(track: AngleTrack, name: int) -> float:
