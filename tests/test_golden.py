@@ -20,7 +20,6 @@ TO_COME = {  # kinds of rooms that do not stand yet
         "motion_newton",
         "motion_observability",
         "motion_scalar_residual",
-        "motion_switching",
     },
     "oh.json": set(),
     "wang_pham.json": set(),
