@@ -1,4 +1,4 @@
-from trackfield.types import Matrix
+from trackfield.types import Matrix, Vector
 
 def modes(
     sensors: Matrix,
@@ -10,4 +10,4 @@ def modes(
     pairs_of: int,
     searched: int,
     /,
-) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, float]: ...
+) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix, Vector, float]: ...

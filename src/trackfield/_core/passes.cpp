@@ -41,7 +41,7 @@ static Scale scale(const InTable &sensors, const InTable &numbers, const InTable
 
 // `records` (n, 6): first time, step, count, sigma, clock, fading; `fishers` (n, 3, 3) as printed, or (0, 3, 3).
 // Modes: states (m, 6), covariances (m, 6, 6), (m, 4) of half deviance, weight, converged, whether all is fixed; half deviance of each message
-// under each mode (m, n) and clock errors (m, n); the time at which the places are.
+// under each mode (m, n) and clock errors (m, n); the deviance of no target (n,); the time at which the places are.
 static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InStack fishers, double exponent, double exponent_sigma, int pairs_of, int searched) {
     const size_t n = sensors.shape(0);
     if (n == 0 || sensors.shape(1) != 2 || numbers.shape(0) != n || numbers.shape(1) != 3 || records.shape(0) != n || records.shape(1) != 6)
@@ -70,6 +70,8 @@ static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InS
         found = modes(pass, search);
     }
     const size_t m = found.size();
+    double *loudness = new double[n];
+    for (size_t k = 0; k < n; ++k) loudness[k] = pass.messages[k].loudness();
     const double size[STATES] = {1.0, unit.length, unit.length, 1.0, 1.0, 1.0};
     double *states = new double[STATES * m + 1], *covariances = new double[STATES * STATES * m + 1](), *merit = new double[4 * m + 1];
     double *misfit = new double[n * m + 1], *late = new double[n * m + 1];
@@ -90,13 +92,13 @@ static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InS
         states[STATES * i + 3] += std::log(unit.length / unit.span);
         merit[4 * i] = fit.half, merit[4 * i + 1] = std::exp(found[i].log_weight), merit[4 * i + 2] = fit.converged, merit[4 * i + 3] = ridge == 0.0;
         for (size_t k = 0; k < n; ++k) {
-            const Quadratic w = Pass::quadratic(fit.state, pass.messages[k], fit.clocks[k]);
+            const Quadratic w = Pass::Way(fit.state).from(pass.messages[k], fit.clocks[k]);
             misfit[n * i + k] = pass.messages[k].evidence(w, fit.state[5], pass.n == STATES).half;
             late[n * i + k] = fit.clocks[k] * unit.span;
         }
     }
     return nb::make_tuple(array<double, 2>(states, {m, size_t(STATES)}), array<double, 3>(covariances, {m, size_t(STATES), size_t(STATES)}),
-                          array<double, 2>(merit, {m, 4}), array<double, 2>(misfit, {m, n}), array<double, 2>(late, {m, n}), unit.time);
+                          array<double, 2>(merit, {m, 4}), array<double, 2>(misfit, {m, n}), array<double, 2>(late, {m, n}), array<double, 1>(loudness, {n}), unit.time);
 }
 
 NB_MODULE(_passes, m) { m.def("modes", &modes_of); }

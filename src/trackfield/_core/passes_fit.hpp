@@ -73,17 +73,23 @@ class Pass {
     int n = 5;                               // states, 6 with the exponent
     bool clocks = false;                     // some clock is in doubt
 
-    static Quadratic quadratic(const Column &s, const Message &m, double late = 0.0) {
-        const double q = std::exp(-s[0]), v = std::exp(s[3]), vx = v * std::cos(s[4]), vy = v * std::sin(s[4]);
-        const double dx = s[1] - late * vx - m.x, dy = s[2] - late * vy - m.y;
-        return {q * (dx * dx + dy * dy), 2.0 * q * (dx * vx + dy * vy), q * v * v};
-    }
+    // Of a state, what all messages share: 1/Q, place and velocity at time 0.
+    struct Way {
+        double q, x, y, vx, vy;
+        explicit Way(const Column &s) : q(std::exp(-s[0])), x(s[1]), y(s[2]), vx(std::exp(s[3])), vy(vx * std::sin(s[4])) { vx *= std::cos(s[4]); }
+        // As a sensor sees it whose clock is ahead by `late`.
+        Quadratic from(const Message &m, double late = 0.0) const {
+            const double dx = x - late * vx - m.x, dy = y - late * vy - m.y;
+            return {q * (dx * dx + dy * dy), 2.0 * q * (dx * vx + dy * vy), q * (vx * vx + vy * vy)};
+        }
+    };
 
     // Half the deviance of all messages, clocks believed; not summed further than `enough`.
     double half(const Column &s, double enough = std::numeric_limits<double>::infinity()) const {
         double sum = 0.0;
+        const Way way(s);
         for (const Message &m : messages) {
-            sum += m.half(quadratic(s, m), s[5]);
+            sum += m.half(way.from(m), s[5]);
             if (!(sum < enough)) break;
         }
         return sum;
@@ -92,11 +98,12 @@ class Pass {
     // The same with slopes; `late` are the clock errors at which it is taken, `about` what is known of them.
     Terms terms(const Column &s, const std::vector<double> &late, std::vector<Clock> &about) const {
         Terms out;
-        const double q = std::exp(-s[0]), v = std::exp(s[3]), vx = 2.0 * q * v * std::cos(s[4]), vy = 2.0 * q * v * std::sin(s[4]);
+        const Way way(s);
+        const double q = way.q, vx = 2.0 * q * way.vx, vy = 2.0 * q * way.vy;
         for (size_t k = 0; k < messages.size(); ++k) {
             const Message &m = messages[k];
             const double tau = clocks ? late[k] : 0.0;
-            const Quadratic w = quadratic(s, m, tau);
+            const Quadratic w = way.from(m, tau);
             const Evidence e = m.evidence(w, s[5], n == STATES);
             out.half += e.half;
             const double dx = 2.0 * q * (s[1] - m.x) - tau * vx, dy = 2.0 * q * (s[2] - m.y) - tau * vy;

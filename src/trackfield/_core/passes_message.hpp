@@ -47,18 +47,18 @@ class Message {
     // `psi` is a_max, t_max, width; `record` first time, step, count, sigma, clock, fading; `fisher` null or (3, 3) of psi.
     Message(double x, double y, const double *psi, const double *record, const double *fisher, double alpha)
         : x(x), y(y), a(psi[0]), t(psi[1]), width(psi[2]), sigma(record[3]), clock(record[4]), heard(a > 0.0 && width > 0.0),
-          printed_(fisher != nullptr), fading_(record[5] != 0.0), times_(printed_ ? 0 : size_t(record[2])), told_(times_.size()) {
+          printed_(fisher != nullptr), fading_(record[5] != 0.0), count_(printed_ ? 0 : size_t(record[2])), times_(count_), told_(count_) {
         if (printed_) {
             std::copy(fisher, fisher + 9, &fisher_[0][0]);
             loudness_ = fisher[0] * a * a;
             return;
         }
-        for (size_t i = 0; i < times_.size(); ++i) times_[i] = record[0] + record[1] * double(i);
+        for (size_t i = 0; i < count_; ++i) times_[i] = record[0] + record[1] * double(i);
         tell(alpha);
-        for (const double z : told_) loudness_ += fading_ ? z / (sigma * sigma) - 1.0 : z * z / (sigma * sigma);
+        loudness_ = 2.0 * half({1e300, 0.0, 0.0}, alpha);
     }
 
-    // Signal over noise of the told profile, summed over its record.
+    // Deviance of no target at all.
     double loudness() const { return loudness_; }
 
     // What the message says of w itself.
@@ -70,7 +70,7 @@ class Message {
     double half(const Quadratic &q, double alpha) const {
         if (printed_) return as_printed(q, alpha, false).half;
         double sum = 0.0;
-        const size_t n = times_.size();
+        const size_t n = count_;
         if (fading_) {
             for (size_t i = 0; i < n; ++i) {
                 const double a_i = amplitude(q.at(times_[i]), alpha), ratio = told_[i] / (sigma * sigma + a_i * a_i);
@@ -78,16 +78,11 @@ class Message {
             }
             return sum;
         }
-        if (alpha == 1.0)  // the loop that counts, free of branches
-            for (size_t i = 0; i < n; ++i) {
-                const double r = told_[i] - 1.0 / std::sqrt(q.at(times_[i]));
-                sum += r * r;
-            }
-        else
-            for (size_t i = 0; i < n; ++i) {
-                const double r = told_[i] - amplitude(q.at(times_[i]), alpha);
-                sum += r * r;
-            }
+        if (alpha == 1.0) return 0.5 * lanes(q) / (sigma * sigma);
+        for (size_t i = 0; i < n; ++i) {
+            const double r = told_[i] - amplitude(q.at(times_[i]), alpha);
+            sum += r * r;
+        }
         return 0.5 * sum / (sigma * sigma);
     }
 
@@ -100,13 +95,31 @@ class Message {
     }
 
    private:
+    static constexpr size_t LANES = 4;  // sums side by side, which a compiler turns into vector instructions
+
+    // Squared residuals, alpha 1: the loop that ranks starts.
+    double lanes(const Quadratic &q) const {
+        double sum[LANES] = {};
+        const size_t n = count_, whole = n - n % LANES;
+        for (size_t i = 0; i < whole; i += LANES)
+            for (size_t j = 0; j < LANES; ++j) {
+                const double r = told_[i + j] - 1.0 / std::sqrt(q.at(times_[i + j]));
+                sum[j] += r * r;
+            }
+        for (size_t i = whole; i < n; ++i) {
+            const double r = told_[i] - 1.0 / std::sqrt(q.at(times_[i]));
+            sum[0] += r * r;
+        }
+        return sum[0] + sum[1] + sum[2] + sum[3];
+    }
+
     template <bool Fading, bool Free>
     Evidence summed(const Quadratic &q, double alpha) const {
         Evidence e;
         double moment[5] = {};
         const double noise = sigma * sigma, c = steepness(alpha);
         const double dc = -2.0 * std::numbers::ln2 / (alpha * alpha) * (c + 1.0);
-        for (size_t i = 0; i < times_.size(); ++i) {
+        for (size_t i = 0; i < count_; ++i) {
             const double s = times_[i], w = q.at(s), a_i = amplitude(w, alpha);
             double told = told_[i], told_slope = 0.0;
             if (Free && heard) {
@@ -140,10 +153,17 @@ class Message {
     Evidence in_free_space(const Quadratic &q) const {
         Evidence e;
         double moment[5] = {};
-        for (size_t i = 0; i < times_.size(); ++i) {
-            const double s = times_[i], a_i = 1.0 / std::sqrt(q.at(s)), r = told_[i] - a_i, d = -0.5 * a_i * a_i * a_i;
-            e.half += r * r;
-            add(e, moment, s, -r * d, d * d);
+        constexpr size_t CHUNK = 64;  // the roots first, which vectorise; then the sums
+        double roots[CHUNK];
+        for (size_t from = 0; from < count_; from += CHUNK) {
+            const size_t n = std::min(CHUNK, count_ - from);
+            const double *s = times_.data() + from, *z = told_.data() + from;
+            for (size_t i = 0; i < n; ++i) roots[i] = 1.0 / std::sqrt(q.at(s[i]));
+            for (size_t i = 0; i < n; ++i) {
+                const double a_i = roots[i], r = z[i] - a_i, d = -0.5 * a_i * a_i * a_i;
+                e.half += r * r;
+                add(e, moment, s[i], -r * d, d * d);
+            }
         }
         e.half *= 0.5;
         return filled(e, moment, 1.0 / (sigma * sigma));
@@ -190,7 +210,7 @@ class Message {
 
     void tell(double alpha) {
         const double c = steepness(alpha);
-        for (size_t i = 0; i < times_.size(); ++i) {
+        for (size_t i = 0; i < count_; ++i) {
             const double z = heard ? (times_[i] - t) / width : 0.0, b = heard ? a * amplitude(1.0 + c * z * z, alpha) : 0.0;
             told_[i] = fading_ ? sigma * sigma + b * b : b;
         }
@@ -198,6 +218,7 @@ class Message {
 
     bool printed_, fading_;
     double fisher_[3][3] = {};
+    size_t count_;
     std::vector<double> times_, told_;  // told amplitudes, or powers sigma^2 + a^2 with fading
     double loudness_ = 0.0;
 };

@@ -13,6 +13,8 @@ struct Search {
     int steps = 60;          // of each search
     double done = 1e-7;      // promised gain of half the deviance at which a search ends
     double within = 12.0;    // half the deviance by which a mode may be worse than the best
+    double least = 1e-3;     // weight of a mode that is told
+    double mirrors = 100.0;  // the same for the mirror image of the best, before it is searched from
 };
 
 struct Mode {
@@ -82,10 +84,11 @@ inline std::vector<Column> ranked(const Pass &pass, const std::vector<Column> &a
 
 // Searches from a start; what leads to a mode that is known already is given up on the way.
 inline void add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
-    const auto met = [&](const Column &state) {
-        return std::ranges::any_of(modes, [&](const Mode &m) { return m.fit.converged && apart(m.fit.F, m.fit.state, state, pass.n) < 0.1; });
+    const auto near = [&](const Column &state, double limit) {
+        return std::ranges::any_of(modes, [&](const Mode &m) { return m.fit.converged && apart(m.fit.F, m.fit.state, state, pass.n) < limit; });
     };
-    const Fit fit = pass.descend(start, search.steps, search.done, met);
+    if (near(start, 4.0)) return;
+    const Fit fit = pass.descend(start, search.steps, search.done, [&](const Column &state) { return near(state, 1.0); });
     if (!std::isfinite(fit.half)) return;
     for (Mode &mode : modes)
         if (std::min(apart(mode.fit.F, mode.fit.state, fit.state, pass.n), apart(fit.F, mode.fit.state, fit.state, pass.n)) < 0.5) {
@@ -101,13 +104,16 @@ inline std::vector<Mode> modes(const Pass &pass, const Search &search) {
     for (const Column &start : ranked(pass, starts(pass, search), size_t(search.searched))) add(pass, search, start, found);
     if (found.empty()) return found;
     const auto better = [](const Mode &a, const Mode &b) { return a.fit.half < b.fit.half; };
-    if (!search.printed) add(pass, search, mirrored(pass, std::min_element(found.begin(), found.end(), better)->fit.state), found);
+    const Fit &top_fit = std::min_element(found.begin(), found.end(), better)->fit;
+    const Column image = mirrored(pass, top_fit.state);
+    if (const double limit = top_fit.half + search.mirrors; !search.printed && pass.half(image, limit) < limit) add(pass, search, image, found);
     const double best = std::min_element(found.begin(), found.end(), better)->fit.half;
     std::erase_if(found, [&](const Mode &m) { return m.fit.half > best + search.within; });
     for (Mode &m : found) m.log_weight = log_weight(pass, m.fit);
     std::stable_sort(found.begin(), found.end(), [](const Mode &a, const Mode &b) { return a.log_weight > b.log_weight; });
+    const double top = found[0].log_weight, least = top + std::log(search.least);
+    std::erase_if(found, [&](const Mode &m) { return m.log_weight < least; });
     double sum = 0.0;
-    const double top = found[0].log_weight;
     for (const Mode &m : found) sum += std::exp(m.log_weight - top);
     for (Mode &m : found) m.log_weight -= top + std::log(sum);
     return found;

@@ -33,6 +33,8 @@ VAGUE = (
     0.7  # standard deviation of log Q, log speed or heading beyond which no number is to be used
 )
 DOUBT = 1e-6  # probability of a deviance as large as that of messages which contradict each other
+LOUD = 25.0  # deviance of no target from which on a message is about one; noise alone makes 10
+NOISE_GAIN = (12.0, 0.5)  # log-likelihood that noise alone does not gain, and more of it per sensor
 _EVERY = 1_000_000
 _NONE = np.zeros((0, 3, 3))
 
@@ -54,7 +56,7 @@ PASS_REASONS: Mapping[PassVerdict, str] = {
     PassVerdict.UNCERTAIN: "The messages hardly fix the trajectory; its covariance is no use.",
     PassVerdict.CONTRADICTORY: "No straight pass of one target explains the messages.",
     PassVerdict.TOO_FEW: "Fewer than three sensors at different places heard the target.",
-    PassVerdict.NOTHING: "No two sensors heard a target that moves.",
+    PassVerdict.NOTHING: "What was heard is no more than noise makes, or heard by fewer than two.",
 }
 
 
@@ -77,14 +79,16 @@ class Passes(NamedTuple):
 
     `theta` (k, 5): power P, position (2) at `start_s`, velocity (2); `exponent` (k,). `covariance`
     (k, 5, 5) of theta, (k, 6, 6) with an unknown exponent. `weight` (k,) is each one's probability,
-    given that it is one of them. `deviance` (k, n) is the squared misfit of each message, 3 n - 5
-    on average in all; `ahead_s` (k, n) how far each clock is ahead. `converged` (k,).
+    given that it is one of them; `gain` (k,) the log-likelihood gained over no target at all.
+    `deviance` (k, n) is the squared misfit of each message, 3 n - 5 on average in all; `ahead_s`
+    (k, n) how far each clock is ahead. `converged` (k,) says where a search ended at a minimum.
     """
 
     theta: Matrix
     covariance: Matrix
     exponent: Vector
     weight: Vector
+    gain: Vector
     deviance: Matrix
     ahead_s: Matrix
     converged: NDArray[np.bool_]
@@ -129,57 +133,71 @@ def _fused(
     if not 0.0 <= exponent_sigma < np.inf:
         raise InputError(f"exponent_sigma: found {exponent_sigma}, expected 0 or more")
     size = 6 if exponent_sigma > 0.0 else 5
-    n = len(messages.models)
-    if n < 2 or (n and _places(messages) < 2):
+    n, places = len(messages.models), _places(messages)
+    if places < 2:
         return _nothing(n, size)
-    records = np.empty((n, 6))
-    records[:, 0] = messages.records.first_s - messages.start_s
-    records[:, 1], records[:, 2] = messages.records.step_s, messages.records.samples
-    for k, model in enumerate(messages.models):
-        records[k, 3:] = model.sigma, model.clock_sigma_s, model.fading == "rayleigh"
     profiles = np.array(messages.profiles, float)
     profiles[:, 1] -= messages.start_s
-    states, within, merit, half, late, time_s = _passes.modes(
-        np.ascontiguousarray(messages.sensors, float), profiles, records, fishers,
+    states, within, merit, half, late, silence, time_s = _passes.modes(
+        np.ascontiguousarray(messages.sensors, float), profiles, _table(messages), fishers,
         messages.models[0].exponent, exponent_sigma, *search,
     )  # fmt: skip
     if not len(states):
         return _nothing(n, size)
     theta, covariance = _told(states, within[:, :size, :size], time_s)
-    converged = merit[:, 2] > 0.0
-    given = (theta, covariance, states[:, 5], merit[:, 1], 2.0 * half, late, converged)
-    spread = np.diagonal(within[0])[[0, 3, 4]].max()
-    sure = bool(merit[0, 3] > 0.0 and spread < VAGUE**2 and np.isfinite(theta[0]).all())
-    found = Passes(*given, PassVerdict.GOOD)
-    return found._replace(verdict=_verdict(messages, found, sure=sure))
+    found = Passes(
+        theta=theta,
+        covariance=covariance,
+        exponent=states[:, 5],
+        weight=merit[:, 1],
+        gain=0.5 * silence.sum() - half.sum(axis=1),
+        deviance=2.0 * half,
+        ahead_s=late,
+        converged=merit[:, 2] > 0.0,
+        verdict=PassVerdict.GOOD,
+    )
+    sure = bool(merit[0, 3] > 0.0 and within[0].diagonal()[[0, 3, 4]].max() < VAGUE**2)
+    return found._replace(verdict=_verdict(found, silence, places=places, sure=sure))
+
+
+def _table(messages: PassMessages) -> Matrix:
+    """List records for the kernel, (n, 6): first time, step, count, sigma, clock, fading."""
+    table = np.empty((len(messages.models), 6))
+    first, table[:, 1], table[:, 2] = messages.records
+    table[:, 0] = first - messages.start_s
+    table[:, 3:] = [(m.sigma, m.clock_sigma_s, m.fading == "rayleigh") for m in messages.models]
+    return table
 
 
 def _told(states: Matrix, within: Matrix, time_s: float) -> tuple[Matrix, Matrix]:
     """Theta and covariance of states [log Q, x, y, log speed, heading, exponent] at `time_s`."""
-    q, x, y, log_speed, heading, alpha = states.T
-    size = within.shape[-1]
-    v = np.exp(log_speed)[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
-    across = np.column_stack([-v[:, 1], v[:, 0]])
-    power = np.exp(alpha * q)
-    theta = np.column_stack([power, np.column_stack([x, y]) - time_s * v, v])
-    slopes = np.zeros((len(states), size, size))
-    slopes[:, 0, 0] = alpha * power
+    q, _, _, log_speed, heading, alpha = states.T
+    k, size = within.shape[:2]
+    theta, slopes = np.empty((k, 5)), np.zeros((k, size, size))
+    speed = np.exp(log_speed)
+    theta[:, 0] = np.exp(alpha * q)
+    theta[:, 3], theta[:, 4] = speed * np.cos(heading), speed * np.sin(heading)
+    theta[:, 1:3] = states[:, 1:3] - time_s * theta[:, 3:]
+    slopes[:, 3:5, 3] = theta[:, 3:]
+    slopes[:, 3, 4], slopes[:, 4, 4] = -theta[:, 4], theta[:, 3]
+    slopes[:, 1:3, 3:5] = -time_s * slopes[:, 3:5, 3:5]
+    slopes[:, 0, 0] = alpha * theta[:, 0]
     slopes[:, 1, 1] = slopes[:, 2, 2] = 1.0
-    slopes[:, 1:3, 3], slopes[:, 1:3, 4] = -time_s * v, -time_s * across
-    slopes[:, 3:5, 3], slopes[:, 3:5, 4] = v, across
-    if size == 6:
-        slopes[:, 0, 5], slopes[:, 5, 5] = q * power, 1.0
-    return theta, slopes @ within @ np.swapaxes(slopes, -1, -2)
+    if size > 5:
+        slopes[:, 0, 5], slopes[:, 5, 5] = q * theta[:, 0], 1.0
+    return theta, slopes @ within @ slopes.transpose(0, 2, 1)
 
 
-def _verdict(messages: PassMessages, found: Passes, *, sure: bool) -> PassVerdict:
-    best = int(np.argmin(found.deviance.sum(axis=1)))
-    degrees = max(3 * len(messages.models) - 5, 1)
-    if _places(messages) < LEAST_SENSORS:
+def _verdict(found: Passes, silence: Vector, *, places: int, sure: bool) -> PassVerdict:
+    if found.gain.max() < NOISE_GAIN[0] + NOISE_GAIN[1] * silence.size:
+        return PassVerdict.NOTHING
+    if places < LEAST_SENSORS:
         return PassVerdict.TOO_FEW
-    if found.deviance[best].sum() > chdtri(degrees, DOUBT):
+    # the best fit to noise alone lies far from any truth: three times what a loud message does
+    degrees = 3 * silence.size - 5 + 6 * int((silence < LOUD).sum())
+    if found.deviance.sum(axis=1).min() > chdtri(degrees, DOUBT):
         return PassVerdict.CONTRADICTORY
-    if not sure or not found.converged[0]:
+    if not sure or not found.converged[0] or not np.isfinite(found.theta[0]).all():
         return PassVerdict.UNCERTAIN
     return PassVerdict.GOOD if found.weight[0] >= SURE else PassVerdict.AMBIGUOUS
 
@@ -197,6 +215,7 @@ def _nothing(n: int, size: int) -> Passes:
         covariance=np.zeros((0, size, size)),
         exponent=none,
         weight=none,
+        gain=none,
         deviance=np.zeros((0, n)),
         ahead_s=np.zeros((0, n)),
         converged=np.zeros(0, bool),

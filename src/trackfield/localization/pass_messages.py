@@ -74,11 +74,11 @@ def checked(messages: PassMessages) -> None:
             f"expected ({n}, 2), ({n}, 3) and 3 x ({n},)"
         )
     for name, part in (("sensor", messages.sensors), ("message", messages.profiles)):
-        bad = ~(np.abs(part) < _LARGEST).all(axis=1)
-        if bad.any():
-            k = int(np.flatnonzero(bad)[0])
+        fine = np.abs(part) < _LARGEST
+        if not fine.all():
+            k = int(np.flatnonzero(~fine.all(axis=1))[0])
             raise InputError(f"{name} {k}: found {part[k].tolist()}, expected numbers below 1e9")
-    if (messages.profiles[:, (0, 2)] < 0.0).any():
+    if (messages.profiles[:, ::2] < 0.0).any():
         raise InputError("messages: found a negative amplitude or width, expected 0 or more")
     first, step, samples = messages.records
     if not ((np.abs(first) < np.inf) & (step > 0.0) & (step < np.inf) & (samples >= 1.0)).all():
