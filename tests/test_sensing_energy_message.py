@@ -36,8 +36,8 @@ def some(rng, *shape):
     """Profiles anywhere between the ends of the codes."""
     return Profile(
         MODEL.sigma * np.exp(rng.uniform(math.log(0.1), math.log(1e5), shape)),
-        END + MODEL.record_s * rng.uniform(-1.5, 0.5, shape),
-        np.exp(rng.uniform(math.log(0.125), math.log(4.25 * 24.0), shape)),
+        END + MODEL.record_s * rng.uniform(-1.1, 0.1, shape),
+        np.exp(rng.uniform(math.log(0.125), math.log(24.0), shape)),
     )
 
 
@@ -53,8 +53,8 @@ def test_what_comes_back_is_off_by_half_a_step_at_most(seed, bits):
     top = 2**bits - 1
     off = np.abs(np.log(told.profile.a_max / at.a_max)) / (math.log(1e6) / (top - 1))
     assert off.max() < 0.5 + 1e-9
-    assert (np.abs(told.profile.t_max_s - at.t_max_s) / (48.0 / top)).max() < 0.5 + 1e-6
-    step = math.log(4.25 * 24.0 / 0.125) / top
+    assert (np.abs(told.profile.t_max_s - at.t_max_s) / (1.2 * 24.0 / top)).max() < 0.5 + 1e-6
+    step = math.log(24.0 / 0.125) / top
     assert (np.abs(np.log(told.profile.width_s / at.width_s)) / step).max() < 0.5 + 1e-9
     assert told.seen.all()
 
@@ -98,8 +98,8 @@ def test_beyond_the_ends_stands_the_end_and_it_is_told():
     told = decode(MODEL, encode(MODEL, beyond, end_s=END), end_s=END)
     assert told.at_limit.tolist() == [True] * 6 + [False]
     np.testing.assert_allclose(told.profile.a_max[:2], [0.01, 1e4])
-    np.testing.assert_allclose(told.profile.t_max_s[2:4], END + np.array([-36.0, 12.0]))
-    np.testing.assert_allclose(told.profile.width_s[4:6], [0.125, 102.0])
+    np.testing.assert_allclose(told.profile.t_max_s[2:4], END + np.array([-26.4, 2.4]))
+    np.testing.assert_allclose(told.profile.width_s[4:6], [0.125, 24.0])
 
 
 def test_nothing_seen_has_a_word_of_its_own():
@@ -201,3 +201,13 @@ def test_a_sensor_that_hears_nothing_says_so():
     made = make(MODEL, rng.normal(0.0, MODEL.sigma, (50, 49)))
     assert (made.word == NOTHING).mean() > 0.9
     assert (made.word == NOTHING).tolist() == (made.fit.quality >= Quality.EMPTY).tolist()
+
+
+def test_a_pass_far_beyond_the_record_stands_at_the_end_of_the_codes():
+    model = replace(MODEL, sigma=0.01)
+    values = profile.expected(Profile(2.0, 12.0, 6.0), sample_times(model))
+    made = make(model, values)
+    assert made.fit.quality == Quality.NOT_PASSED
+    told = decode(model, made.word, end_s=END)
+    assert told.at_limit
+    assert told.profile.t_max_s == pytest.approx(END + 2.4)

@@ -19,8 +19,8 @@ Words = NDArray[np.int64]
 MOST_BITS = 17  # of a number: three of them are whole numbers that a double holds
 NOTHING = 0  # the word of a sensor that heard nothing
 WEAKEST, STRONGEST = 0.1, 1e5  # ends of the amplitude's codes [sigmas]
-EARLY, LATE = 1.5, 0.5  # ends of the time's codes: before and after the record's end [records]
-NARROWEST, WIDEST = 0.25, 4.25  # ends of the width's codes: [times between samples], [records]
+EARLY, LATE = 1.1, 0.1  # ends of the time's codes: before and after the record's end [records]
+NARROWEST, WIDEST = 0.25, 1.0  # ends of the width's codes: [times between samples], [records]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,8 @@ class DecodedMessages(NamedTuple):
 
     The covariance is that of errors spread evenly over a step, step^2 / 12. `seen` (...) is false
     for the word of nothing, whose profile is the weakest and widest there is; `at_limit` (...) says
-    that a number stands at the end of its codes, and may be anything beyond.
+    that a number stands at the end of its codes, and may be anything beyond: so does every time
+    and width at which the search for the profile was stopped (`FitLimits`).
     """
 
     profile: Profile

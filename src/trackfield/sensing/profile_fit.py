@@ -55,13 +55,14 @@ class FitLimits(NamedTuple):
     """Where a profile is searched.
 
     `t_max_s` at most `margin` times the record's length beyond it; `width_s` from `narrowest` times
-    the time between samples to `widest` times the record's length. Beyond the record amplitude and
-    width cannot be told apart, so there a width is at least a quarter of the time to the record.
+    the time between samples to `widest` times the record's length. Further out samples hardly tell
+    amplitude, time and width apart: wider limits give weak sensors wild numbers and gain nothing
+    for passes beyond the record. A fit that stands at a limit is `NOT_PASSED` or `FLAT`.
     """
 
-    margin: float = 0.5
+    margin: float = 0.1
     narrowest: float = 0.25
-    widest: float = 4.0
+    widest: float = 1.0
 
 
 LIMITS = FitLimits()
