@@ -3,7 +3,7 @@
 One pass gives all sensors messages of one invariant, a_max^(1/alpha) width = sqrt(c) Q / |v| with
 Q = P^(1/(2 alpha)), and they agree on one trajectory. So passes are looked for one after the other,
 from three loud messages of about the same invariant that agree, as far as messages join; then all
-are given to the passes once more, each sensor's by the best assignment, until nothing changes. Two
+are given to the passes once more, each record's by the best assignment, until nothing changes. Two
 targets of the same invariant are told apart by where they go.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from trackfield.errors import InputError
 from trackfield.localization.pass_evidence import PassEvidence, evidence, misfits
-from trackfield.localization.pass_fusion import Passes, PassSettings, fuse
+from trackfield.localization.pass_fusion import LEAST_SENSORS, Passes, PassSettings, fuse
 from trackfield.localization.pass_messages import PassMessages, PassRecords
 from trackfield.matching import cheapest
 from trackfield.types import Indices, Vector
@@ -51,16 +51,17 @@ class PassGroups(NamedTuple):
 
 
 def group(
-    messages: PassMessages, sensor: Indices, *, settings: PassSettings | None = None
+    messages: PassMessages, record: Indices, *, settings: PassSettings | None = None
 ) -> PassGroups:
     """Tell which messages are of one pass, for any number of passes.
 
-    `sensor` (n,) says whose each message is; a pass takes one message a sensor at most. What heard
-    nothing at all (amplitude 0) counts for every pass of its time. A pass wants three sensors.
+    `record` (n,) numbers the sensors' records: a pass takes at most one of the messages that a
+    sensor made of one record. What heard nothing at all (amplitude 0) counts for every pass. A pass
+    wants three sensors at different places.
     """
-    if np.shape(sensor) != (len(messages.models),):
-        raise InputError(f"found {np.shape(sensor)} sensors of {len(messages.models)} messages")
-    given = _given(messages, np.asarray(sensor, np.int32), settings)
+    if np.shape(record) != (len(messages.models),):
+        raise InputError(f"found {np.shape(record)} records of {len(messages.models)} messages")
+    given = _given(messages, np.asarray(record, np.int32), settings)
     found: list[NDArray[np.intp]] = []
     free = given.quiet_deviance > 0.0
     while len(found) < len(messages.models) // 3:
@@ -76,7 +77,8 @@ class _Given(NamedTuple):
     """Messages of n sensors, with what all steps need of them."""
 
     messages: PassMessages
-    sensor: Indices
+    record: Indices
+    place: Indices  # that of the sensor
     settings: PassSettings | None
     evidence: PassEvidence
     quiet_deviance: Vector  # from silence; 0 for a message that heard nothing
@@ -93,14 +95,17 @@ class _Given(NamedTuple):
         return misfits(self.evidence, passes.theta[k], exponent=float(passes.exponent[k]))
 
 
-def _given(messages: PassMessages, sensor: Indices, settings: PassSettings | None) -> _Given:
+def _given(messages: PassMessages, record: Indices, settings: PassSettings | None) -> _Given:
     about = evidence(messages)
     heard = (messages.profiles[:, 0] > 0.0) & (messages.profiles[:, 2] > 0.0)
     a, width = np.where(heard, messages.profiles[:, (0, 2)].T, 1.0)
     alpha = messages.models[0].exponent if messages.models else 1.0
     invariant = np.log(a) / alpha + np.log(width)
     vague = 2.5 / np.sqrt(np.maximum(about.loudness, 1e-6))  # as the Fisher matrix says, about
-    return _Given(messages, sensor, settings, about, about.loudness * heard, invariant, vague)
+    places = np.unique(messages.sensors.reshape(-1, 2), axis=0, return_inverse=True)[1]
+    own = places.reshape(-1).astype(np.int32)
+    heard_deviance = about.loudness * heard
+    return _Given(messages, record, own, settings, about, heard_deviance, invariant, vague)
 
 
 def _next_pass(given: _Given, free: NDArray[np.bool_]) -> NDArray[np.intp] | None:
@@ -126,7 +131,7 @@ def _agreeing(given: _Given, free: NDArray[np.bool_]) -> list[tuple[int, ...]]:
     ranked: list[tuple[float, tuple[int, ...]]] = []
     for three in combinations(loud.tolist(), 3):
         rows = list(three)
-        if len(set(given.sensor[rows].tolist())) < 3:
+        if len(set(given.place[rows].tolist())) < 3:
             continue
         spread = np.abs(given.invariant[rows] - np.median(given.invariant[rows])).max()
         if spread > 0.2 + 3.0 * given.vague[rows].max():
@@ -148,8 +153,8 @@ def _grown(
         passes, which, rows, limit = first, k, three, 3.0 * JOINS
         for _ in range(_ROUNDS):
             deviance = np.where(free, given.deviances(passes, which), np.inf)
-            joined = _one_a_sensor(deviance, given.sensor, limit)
-            if joined.size < 3 or np.array_equal(joined, rows):
+            joined = _one_a_record(deviance, given.record, limit)
+            if _too_few(given, joined) or np.array_equal(joined, rows):
                 break
             rows, limit = joined, JOINS
             passes, which = given.fused(rows), 0
@@ -159,29 +164,33 @@ def _grown(
             deviance = given.deviances(passes, which)[rows]
             rows, deviance = rows[deviance < JOINS], deviance[deviance < JOINS]
             worth = float((np.minimum(given.quiet_deviance[rows], JOINS) - deviance).sum())
-            if rows.size >= 3 and worth > best[1]:
+            if not _too_few(given, rows) and worth > best[1]:
                 best = (rows, worth)
     return best
 
 
-def _one_a_sensor(deviance: Vector, sensor: Indices, limit: float) -> NDArray[np.intp]:
-    """Rows of each sensor's best message, if its deviance is below `limit`."""
-    order = np.lexsort((deviance, sensor))
-    first = np.concatenate([[True], np.diff(sensor[order]) != 0])
+def _too_few(given: _Given, rows: NDArray[np.intp]) -> bool:
+    return np.unique(given.place[rows]).size < LEAST_SENSORS
+
+
+def _one_a_record(deviance: Vector, record: Indices, limit: float) -> NDArray[np.intp]:
+    """Rows of each record's best message, if its deviance is below `limit`."""
+    order = np.lexsort((deviance, record))
+    first = np.concatenate([[True], np.diff(record[order]) != 0])
     best = order[first]
     return np.sort(best[deviance[best] < limit])
 
 
 def _settled(given: _Given, found: list[NDArray[np.intp]]) -> PassGroups:
     """Give every message to the pass that explains it best, until nothing changes."""
-    n = len(given.sensor)
+    n = len(given.record)
     owner = np.full(n, -1)
     for _ in range(_ROUNDS):
         before = owner.copy()
         passes = [given.fused(rows) for rows in found]
         owner = _assigned(given, passes) if passes else owner
         found = [np.flatnonzero(owner == k) for k in range(len(found))]
-        kept = [k for k, rows in enumerate(found) if np.unique(given.sensor[rows]).size >= 3]
+        kept = [k for k, rows in enumerate(found) if not _too_few(given, rows)]
         if len(kept) == len(found) and np.array_equal(owner, before):
             break
         found = [found[k] for k in kept]
@@ -195,11 +204,11 @@ def _settled(given: _Given, found: list[NDArray[np.intp]]) -> PassGroups:
 
 
 def _assigned(given: _Given, passes: list[Passes]) -> NDArray[np.intp]:
-    """Pass of each message (n,), -1 for none: of a sensor's messages no two to one pass."""
+    """Pass of each message (n,), -1 for none: of a record's messages no two to one pass."""
     deviance = np.stack([given.deviances(one) for one in passes])  # (passes, n)
-    owner = np.full(given.sensor.size, -1)
+    owner = np.full(given.record.size, -1)
     which, row = np.nonzero((deviance < JOINS) & (given.quiet_deviance > 0.0))
-    seat = given.sensor[row] * len(passes) + which  # a pass hears each sensor once
+    seat = given.record[row] * len(passes) + which  # a pass is once in a record
     chosen = cheapest(seat, row, deviance[which, row], alone=JOINS)
     owner[row[chosen]] = which[chosen]
     return owner

@@ -1,0 +1,144 @@
+"""One pass over time: what is believed of it, its tracks, and which rows are due."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackfield.filtering.scans import Shown
+from trackfield.pipeline.pass_beliefs import PassBelief, packed, unpacked
+from trackfield.types import Matrix, Status
+
+Key = tuple[int, int]  # a sensor, and which of its passes
+_FAR = 4.0  # field radii from the middle of the sensors at which a pass is over
+_SLACK_S = 1e-9
+
+
+class PassRules(NamedTuple):
+    """When a pass that says no more ends, which rows are asked for [s], and where sensors stand."""
+
+    drop_s: float
+    lag_s: float
+    every_s: float
+    middle: tuple[float, float]
+    radius_m: float
+
+
+class PassRow(NamedTuple):
+    """A row of a track, numbered within its book from 1."""
+
+    track: int
+    shown: Shown
+
+
+@dataclass(slots=True, eq=False)
+class LivePass:
+    """One pass: its messages by `keys`, what is believed, the tracks of its trajectories in order.
+
+    `begin_s` is where its records begin, `heard_s` when it last changed; `row_s` and `told_s` are
+    times of its last row, as due and as told, which a lag sets apart; `confirmed` that one
+    trajectory was sure at some time.
+    """
+
+    keys: frozenset[Key]
+    belief: PassBelief
+    begin_s: float
+    heard_s: float
+    tracks: list[int] = field(default_factory=list[int])
+    row_s: float = -math.inf
+    told_s: float = -math.inf
+    confirmed: bool = False
+
+    def believe(self, belief: PassBelief, now_s: float, *, tracks: int, rules: PassRules) -> int:
+        """Take a new belief; how many tracks there are in all, `tracks` before."""
+        before = self.belief.places(now_s) if self.tracks else np.empty((0, 2))
+        self.belief, self.heard_s = belief, now_s
+        self.tracks, count = _matched(
+            self.tracks, before, belief.places(now_s), tracks, max(rules.radius_m, 1.0)
+        )
+        return count
+
+    def rows(self, now_s: float, rules: PassRules) -> list[PassRow]:
+        """Rows of a pass that has changed, if they are due."""
+        if now_s < self.row_s + rules.every_s - _SLACK_S:
+            return []
+        self.row_s = now_s
+        return self.at(now_s - rules.lag_s, Status.CONFIRMED)
+
+    def coasting(self, now_s: float, rules: PassRules) -> list[PassRow]:
+        """Rows every so often before `now_s`, where nothing changed."""
+        rows: list[PassRow] = []
+        if rules.every_s <= 0.0 or not math.isfinite(self.row_s):
+            return rows
+        while self.row_s + rules.every_s < now_s - _SLACK_S:
+            if self.is_over(self.row_s + rules.every_s, rules):
+                break
+            self.row_s += rules.every_s
+            rows += self.at(self.row_s - rules.lag_s, Status.COASTING)
+        return rows
+
+    def lagging(self, now_s: float, rules: PassRules) -> list[PassRow]:
+        """Rows that waited for their lag when all has ended."""
+        rows: list[PassRow] = []
+        step_s = rules.every_s or rules.lag_s
+        if rules.lag_s <= 0.0 or not math.isfinite(self.told_s):
+            return rows
+        while self.told_s < now_s - _SLACK_S:
+            rows += self.at(min(self.told_s + step_s, now_s), Status.CONFIRMED)
+        return rows
+
+    def at(self, t_s: float, status: Status) -> list[PassRow]:
+        """Rows of a time after the last told one: `status` if one trajectory is sure."""
+        if t_s <= self.told_s or t_s < self.begin_s or not self.belief.modes:
+            return []
+        self.told_s = t_s
+        shown = self.belief.shown(t_s)
+        if shown[0].status != Status.TENTATIVE:
+            self.confirmed = True
+            shown = [shown[0]._replace(status=status)]
+        return [PassRow(track, row) for track, row in zip(self.tracks, shown, strict=False)]
+
+    def is_over(self, now_s: float, rules: PassRules) -> bool:
+        """Tell whether nothing more is to be heard of it: long silent, or far away."""
+        if now_s - self.heard_s > rules.drop_s:
+            return True
+        if not self.belief.modes or now_s <= self.belief.start_s:
+            return False
+        x, y = self.belief.places(now_s)[0].tolist()
+        apart = math.hypot(x - rules.middle[0], y - rules.middle[1])
+        return apart > _FAR * max(rules.radius_m, 1.0)
+
+    def plain(self) -> list[Any]:
+        """Plain values that `live_pass` takes back, exactly."""
+        times = [self.begin_s, self.heard_s, self.row_s, self.told_s]
+        return [sorted(self.keys), packed(self.belief), times, self.tracks, self.confirmed]
+
+
+def live_pass(plain: list[Any]) -> LivePass:
+    """Return the pass that was made plain."""
+    keys, belief, (begin_s, heard_s, row_s, told_s), tracks, confirmed = plain
+    own = frozenset((int(sensor), int(number)) for sensor, number in keys)
+    return LivePass(own, unpacked(belief), begin_s, heard_s, tracks, row_s, told_s, confirmed)
+
+
+def _matched(
+    known: Sequence[int], before: Matrix, places: Matrix, count: int, reach_m: float
+) -> tuple[list[int], int]:
+    """Tracks of trajectories at `places`: each goes on as the nearest known one that is left.
+
+    Those that none is within `reach_m` of get numbers after `count`, which is given back grown.
+    """
+    left, out = list(range(min(len(known), len(before)))), list[int]()
+    for place in places:
+        apart = [float(np.hypot(*(place - before[k]))) for k in left]
+        best = int(np.argmin(apart)) if apart else -1
+        if best >= 0 and apart[best] <= reach_m:
+            out.append(known[left.pop(best)])
+        else:
+            count += 1
+            out.append(count)
+    return out, count

@@ -1,0 +1,171 @@
+"""What is believed of one pass: its trajectories with weights, by messages, and by all samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from trackfield.filtering.scans import Shown
+from trackfield.linalg import cholesky
+from trackfield.localization.pass_fusion import PASS_REASONS, SURE, Passes, PassVerdict, fuse
+from trackfield.localization.pass_raw import RawFit, RawPass, fits
+from trackfield.localization.pass_stream import SensorMessage, together
+from trackfield.types import Matrix, Status, Vector
+
+MOST_MISFIT = (
+    4.0  # standard deviations by which samples of one pass may differ more than on average
+)
+_LEAST_WEIGHT = 0.02  # of a trajectory that is worth a row
+_MOST_MODES = 4
+_SAME = 1.0  # squared distance of two ends of a search that are one
+
+
+class PassMode(NamedTuple):
+    """One trajectory: `theta` (5,) = P, position at the belief's `start_s`, velocity; its share."""
+
+    theta: Vector
+    covariance: Matrix
+    weight: float
+
+
+class PassBelief(NamedTuple):
+    """All trajectories that explain one pass, the likeliest first.
+
+    `by_samples` says that all samples were used, not only what sensors made of them.
+    """
+
+    start_s: float
+    modes: tuple[PassMode, ...]
+    verdict: PassVerdict
+    by_samples: bool = False
+
+    @property
+    def reason(self) -> str:
+        """What the verdict says, in a sentence."""
+        return PASS_REASONS[self.verdict]
+
+    def places(self, t_s: float) -> Matrix:
+        """Where each trajectory is at a time, (modes, 2) [m]."""
+        ahead = t_s - self.start_s
+        places = [mode.theta[1:3] + ahead * mode.theta[3:5] for mode in self.modes]
+        return np.array(places).reshape(-1, 2)
+
+    def shown(self, t_s: float) -> list[Shown]:
+        """Rows at a time: one if a trajectory is sure, else a tentative one for each."""
+        sure = self.verdict == PassVerdict.GOOD
+        status = Status.CONFIRMED if sure else Status.TENTATIVE
+        return [self._shown(mode, t_s, status) for mode in self.modes[: 1 if sure else _MOST_MODES]]
+
+    def _shown(self, mode: PassMode, t_s: float, status: Status) -> Shown:
+        ahead = t_s - self.start_s
+        G = np.zeros((2, 5))
+        G[0, 1] = G[1, 2] = 1.0
+        G[0, 3] = G[1, 4] = ahead
+        C = G @ mode.covariance @ G.T
+        x, y = (mode.theta[1:3] + ahead * mode.theta[3:5]).tolist()
+        vx, vy = mode.theta[3:5].tolist()
+        return Shown(
+            t_s,
+            np.array([x, y, math.nan]),
+            np.array([vx, vy, math.nan]),
+            np.array([C[0, 0], C[0, 1], C[1, 1]]),
+            status,
+            math.nan,
+        )
+
+
+UNKNOWN = PassBelief(0.0, (), PassVerdict.NOTHING)
+"""What is believed before anything is."""
+
+
+def by_messages(messages: Sequence[SensorMessage]) -> PassBelief:
+    """Fuse messages of one pass; positions are told at the middle of what they say."""
+    start_s = float(np.median([float(m.profile.t_max_s) for m in messages]))
+    return belief_of(fuse(together(messages, start_s=start_s)), start_s)
+
+
+def belief_of(passes: Passes, start_s: float) -> PassBelief:
+    """Keep what is worth telling of fused passes."""
+    shares = passes.weight.tolist()
+    modes = tuple(
+        PassMode(theta, covariance[:5, :5], weight)
+        for theta, covariance, weight in zip(passes.theta, passes.covariance, shares, strict=True)
+        if weight >= _LEAST_WEIGHT and np.isfinite(theta).all() and np.isfinite(covariance).all()
+    )
+    return PassBelief(start_s, modes, passes.verdict)
+
+
+def by_samples(belief: PassBelief, raw: RawPass) -> PassBelief:
+    """Go on from trajectories to the maximum of the likelihood of all samples.
+
+    The weights are Laplace's. Without a good fit the trajectories stay, but none of them is to be
+    believed: the samples hold more than a straight pass of one source.
+    """
+    if not belief.modes or not raw.t_s.size:
+        return belief
+    doubted = belief._replace(verdict=max(belief.verdict, PassVerdict.CONTRADICTORY))
+    starts = np.array([mode.theta for mode in belief.modes])
+    ends = fits(raw._replace(start_s=belief.start_s), starts)
+    kept: list[RawFit] = []
+    for end in ends:  # best first
+        good = end.converged and end.determined and end.misfit < MOST_MISFIT
+        if good and not any(_same(end, other) for other in kept):
+            kept.append(end)
+    if not kept or kept[0] is not ends[0]:
+        return doubted
+    logs = np.array([_log_weight(end, raw.sensors) for end in kept])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    modes = [
+        PassMode(end.theta, end.covariance, weight)
+        for end, weight in zip(kept, weights.tolist(), strict=True)
+        if weight >= _LEAST_WEIGHT
+    ]
+    modes.sort(key=lambda mode: -mode.weight)
+    verdict = belief.verdict
+    if verdict in (PassVerdict.GOOD, PassVerdict.AMBIGUOUS):
+        verdict = PassVerdict.GOOD if modes[0].weight >= SURE else PassVerdict.AMBIGUOUS
+    return PassBelief(belief.start_s, tuple(modes), verdict, by_samples=True)
+
+
+def packed(belief: PassBelief) -> list[Any]:
+    """Plain numbers of a belief; those of JSON come back exactly."""
+    modes = [[m.theta.tolist(), m.covariance.tolist(), m.weight] for m in belief.modes]
+    return [belief.start_s, modes, int(belief.verdict), belief.by_samples]
+
+
+def unpacked(plain: list[Any]) -> PassBelief:
+    """Return the belief that was packed."""
+    start_s, modes, verdict, by_all = plain
+    known = tuple(
+        PassMode(np.array(theta), np.array(covariance), float(weight))
+        for theta, covariance, weight in cast("list[list[Any]]", modes)
+    )
+    return PassBelief(float(start_s), known, PassVerdict(verdict), bool(by_all))
+
+
+def _same(one: RawFit, other: RawFit) -> bool:
+    """Tell whether two searches ended at one place."""
+    e = one.theta - other.theta
+    unit = np.sqrt(np.diag(other.covariance))
+    L, ok = cholesky(other.covariance / np.outer(unit, unit))
+    white = np.linalg.solve(L, e / unit)
+    return bool(ok) and float(white @ white) < _SAME
+
+
+def _log_weight(end: RawFit, sensors: Matrix) -> float:
+    """Laplace's log weight of a trajectory, under the prior of `pass_fusion.fuse`."""
+    slope = np.array([end.theta[0], 1.0, 1.0, 1.0, 1.0])
+    unit = np.sqrt(np.diag(end.covariance))
+    L = cholesky(end.covariance / np.outer(unit, unit)).value
+    volume = float(np.sum(np.log(np.diag(L)))) + float(np.sum(np.log(unit / slope)))
+    middle = sensors.mean(axis=0)
+    square = max(float(np.mean(np.sum((sensors - middle) ** 2, axis=1))), 1e-300)
+    vx, vy = end.theta[3:5].tolist()
+    speed = max(math.hypot(vx, vy), 1e-300)
+    x, y = (end.theta[1:3] - middle).tolist()
+    aside = (x * vy - y * vx) / speed
+    return volume - end.cost - 3.0 * math.log(speed) - 0.5 * aside**2 / square
