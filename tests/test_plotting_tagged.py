@@ -1,6 +1,7 @@
 """Figures: what they hold, and that nothing is written where it cannot be."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,6 +88,14 @@ def test_errors_are_drawn_below_their_bound_with_units():
         "NIS, clipped at 9",
     ]
     assert axes[2].get_xlabel() == "time [s]"
+
+
+def test_tracks_without_innovations_have_no_panel_for_them():
+    tracks = make_tracks()
+    without = replace(tracks, nis=np.full(len(tracks), np.nan))
+    axes = plot_tracks(SITE, without).axes
+    assert [a.get_xlabel() for a in axes] == ["x, east [m]", "time [s]"]
+    assert len(plot_tracks(SITE, tracks).axes) == 3
 
 
 def test_innovations_are_averaged():

@@ -24,6 +24,8 @@ COUNTS = {
         "accepted": "accepted",
         "duplicate": "repeated",
         "late": "too late",
+        "nothing": "of nothing heard",
+        "unexplained": "of no trajectory",
         "out_of_range": "out of range",
     },
     "tracks": {"started": "started", "restarted": "started again", "ended": "ended"},
@@ -73,15 +75,18 @@ def run_tracker(
     moved: Callable[[float], None],
 ) -> Outcome:
     """Stream `data` through the tracker into `output`; the file appears only if the run is good."""
+    from trackfield.cli import track_trajectories as trajectories
     from trackfield.io.measurements import stream_readings
     from trackfield.network.survey import data_problems, empty_survey, surveyed, unit_suspicion
     from trackfield.pipeline.dispatch import tracker_of
     from trackfield.pipeline.runs import require_tracks
+    from trackfield.pipeline.trajectories import TrajectoryTracker
 
     survey, lag = empty_survey(site), wanted.lag
     tracker = tracker_of(
         site, family, lag_s=lag.seconds, lag_steps=lag.steps, every_s=wanted.every_s
     )
+    passes = tracker if isinstance(tracker, TrajectoryTracker) else None
     with rows_into(output, site, wanted) as sink:
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)
@@ -89,7 +94,11 @@ def run_tracker(
                 sink.put(tracker.process(chunk))
         sink.put(tracker.finish())
         suspicion = unit_suspicion(survey)
-        warnings = [f"{data}: {odd}" for odd in (suspicion, *_dropped(site, tracker.counts)) if odd]
+        odd = [*([suspicion] if suspicion else []), *_dropped(site, tracker.counts)]
+        if passes is not None:
+            odd += trajectories.doubts(passes)
+            odd += [] if sink.shown else ["no track was confirmed"]
+        warnings = [f"{data}: {one}" for one in odd]
         for warning in warnings:
             warn(warning)
         fatal = [problem for problem in data_problems(survey) if problem != suspicion]
@@ -97,7 +106,7 @@ def run_tracker(
             raise InputError(f"{data}: {'; '.join(fatal)}")
         with naming(data):
             require_tracks(tracker)
-        if sink.shown == 0:
+        if sink.shown == 0 and passes is None:
             raise RunError(
                 f"{data}: found {survey.timing.rows} readings, and no track was confirmed"
             )
@@ -109,8 +118,12 @@ def run_tracker(
         "last_s": survey.timing.last_s,
         "readings": dict(tracker.counts),
     }
+    told = _told(tracker)
+    if passes is not None:
+        numbers |= trajectories.numbers(passes)
+        told += trajectories.told(passes)
     numbers |= sink.orders.numbers
-    return Outcome(numbers, [*_told(tracker), *sink.orders.told], warnings, sink.kept)
+    return Outcome(numbers, [*told, *sink.orders.told], warnings, sink.kept)
 
 
 def _told(tracker: ReadingsTracker) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trackfield.errors import ConfigurationError, InputError
+from trackfield.errors import InputError
 from trackfield.filtering import angle_tracker, rssi_tracker
 from trackfield.filtering.scans import ScanFilter, State
 from trackfield.network.kinds import KINDS, Family
@@ -17,6 +17,7 @@ from trackfield.pipeline.fronts import Source, Table
 from trackfield.pipeline.runs import ReadingsTracker
 from trackfield.pipeline.scanned import ScanTracker
 from trackfield.pipeline.tagged import Tracker
+from trackfield.pipeline.trajectories import TrajectoryTracker
 from trackfield.pipeline.untagged import Feed
 from trackfield.types import Readings, Reports
 
@@ -35,12 +36,13 @@ def tracker_of(
     asked: dict[str, Any] = {"lag_s": lag_s, "lag_steps": lag_steps, "every_s": every_s}
     if family == "range":
         return Tracker(site, **asked)
+    if family in ("amplitude", "energy_message"):
+        return TrajectoryTracker(site, **asked)
     if family == "rssi":
         return _scanned(site, rssi_tracker.create, asked)
     if family == "angle":
         return _scanned(site, angle_tracker.create, asked)
-    found = f"found readings of {family}, which no tracker takes yet"
-    raise ConfigurationError([f"site {site.name}: {found}"])
+    raise InputError(f"found readings of kind {family!r}, whose targets have no names")
 
 
 def _scanned(

@@ -104,7 +104,7 @@ def reading_rows(readings: Readings, known: Speakers) -> Rows:
     refuse(
         readings.target >= 0,
         lambda row: f"target {readings.target_ids[int(readings.target[row])]!r}",
-        f"none: only ranges are tracked by the tags that they name, not {kind}s",
+        f"none: {kind}s are tracked as of unknown targets",
     )
     if kind == "detection":
         refuse(

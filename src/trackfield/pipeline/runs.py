@@ -44,6 +44,14 @@ class ReadingsTracker(Protocol):
         """Close all and return the remaining rows."""
         ...
 
+    def snapshot(self) -> bytes:
+        """State of the run as sealed bytes; not pickle."""
+        ...
+
+    def restore(self, data: bytes) -> None:
+        """Take up the run where `snapshot` left it: all that follows is the same bit by bit."""
+        ...
+
 
 def track_readings(tracker: ReadingsTracker, readings: Iterable[Readings]) -> Run:
     """Track all targets of a whole run; rows in order of time.

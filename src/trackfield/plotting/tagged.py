@@ -42,14 +42,20 @@ def plot_tracks(
     """Draw sensors, truth and tracks with 95 % ellipses, and beside it accuracy over time.
 
     `errors` are those of the tracks against the truth; without them the ellipses' size is shown.
+    Below it stand the innovations, if there are any.
     """
     figure = new_figure(12.0, 6.4)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0), height_ratios=(2.0, 1.0))
     shown = (tracks.status == Status.CONFIRMED) | (tracks.status == Status.COASTING)
     _draw_map(figure.add_subplot(grid[:, 0]), site, tracks, shown=shown, truth=truth)
-    top = figure.add_subplot(grid[0, 1])
+    judged = not np.isnan(tracks.nis[shown]).all()  # trajectories of passes have no innovations
+    top = figure.add_subplot(grid[0, 1] if judged else grid[:, 1])
     _draw_accuracy(top, tracks, shown, errors=errors)
-    _draw_nis(figure.add_subplot(grid[1, 1], sharex=top), tracks, shown)
+    if judged:
+        _draw_nis(figure.add_subplot(grid[1, 1], sharex=top), tracks, shown)
+    else:
+        top.set_xlabel("time [s]")
+        top.tick_params(labelbottom=True)
     figure.suptitle(site.name)
     return figure
 

@@ -1,0 +1,61 @@
+"""Trajectories of passes on the command line: what a run of amplitudes or messages came to."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from trackfield.pipeline.trajectories import Trajectory, TrajectoryTracker
+
+_SURE = 0.9995  # weight of a trajectory beside which there is no other
+_LISTED = 8  # sensors, at most, that a line names
+
+
+def numbers(tracker: TrajectoryTracker) -> dict[str, Any]:
+    """Give the trajectories as plain objects, for `--json`."""
+    return {"trajectories": [one.to_dict() for one in tracker.trajectories]}
+
+
+def told(tracker: TrajectoryTracker) -> list[str]:
+    """Say of each trajectory who passed, where and how fast, with a standard deviation each."""
+    return [line for one in tracker.trajectories for line in _lines(one)]
+
+
+def doubts(tracker: TrajectoryTracker) -> list[str]:
+    """Say what keeps the answer from being the only one."""
+    found = tracker.trajectories
+    several = [one for one in found if one.weight < _SURE]
+    said = [f"{len(several)} trajectories explain what was heard"] if several else []
+    said += [
+        f"trajectory {one.track}: {one.reason}"
+        for one in found
+        if one.weight >= _SURE and one.verdict != "good"
+    ]
+    lost = tracker.counts["unexplained"]
+    return said + ([f"{lost} messages fit no trajectory"] if lost else [])
+
+
+def _lines(one: Trajectory) -> list[str]:
+    sigma = np.sqrt(np.maximum(np.diag(one.covariance), 0.0))
+    (x, y), (vx, vy) = one.position.tolist(), one.velocity.tolist()
+    whose = "" if one.target_id is None else f" of {one.target_id}"
+    share = f", {one.weight:.0%}" if one.weight < _SURE else ""
+    level = math.sqrt(one.power)
+    heading = math.degrees(math.atan2(vy, vx))
+    heard = ", ".join(one.sensors[:_LISTED]) + (", ..." if len(one.sensors) > _LISTED else "")
+    return [
+        f"trajectory {one.track}{whose}{share}: {one.reason}",
+        f"  at {one.t_s:.4g} s in ({_measured(x, sigma[1])}, {_measured(y, sigma[2])}) m",
+        f"  going ({_measured(vx, sigma[3])}, {_measured(vy, sigma[4])}) m/s: "
+        f"{math.hypot(vx, vy):.3g} m/s towards {heading:.0f} deg from east",
+        f"  power {_measured(one.power, sigma[0])} at 1 m, amplitude {level:.3g}; heard by {heard}",
+    ]
+
+
+def _measured(value: float, sigma: float) -> str:
+    """Write a number with its standard deviation, to two digits of that."""
+    digits = max(0, 1 - math.floor(math.log10(sigma))) if 0.0 < sigma < math.inf else 2
+    return f"{value:.{min(digits, 9)}f} +- {sigma:.2g}"
