@@ -74,7 +74,7 @@ def test_no_search_by_scipy_finds_a_likelier_profile(model):
             return float(profile.negative_log_likelihood(at, T, z, models=model))
 
         starts = [(0.0, t, math.log(w)) for t in (4.0, 12.0, 20.0) for w in (2, 8)]
-        bounds = [(-6.0, 5.0), (0.0, 24.0), (math.log(0.25), math.log(24.0))]
+        bounds = [(-6.0, 5.0), (0.0, 24.0), (math.log(0.25), math.log(36.0))]
         best = min(optimize.minimize(nll, x, bounds=bounds).fun for x in starts)
         assert cost < best + 1e-4
 

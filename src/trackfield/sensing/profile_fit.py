@@ -62,7 +62,7 @@ class FitLimits(NamedTuple):
 
     margin: float = 0.1
     narrowest: float = 0.25
-    widest: float = 1.0
+    widest: float = 1.5
 
 
 LIMITS = FitLimits()
