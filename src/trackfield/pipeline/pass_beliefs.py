@@ -158,10 +158,10 @@ def _same(one: RawFit, other: RawFit) -> bool:
 
 def _log_weight(end: RawFit, sensors: Matrix) -> float:
     """Laplace's log weight of a trajectory, under the prior of `pass_fusion.fuse`."""
-    slope = np.array([end.theta[0], 1.0, 1.0, 1.0, 1.0])
     unit = np.sqrt(np.diag(end.covariance))
     L = cholesky(end.covariance / np.outer(unit, unit)).value
-    volume = float(np.sum(np.log(np.diag(L)))) + float(np.sum(np.log(unit / slope)))
+    volume = float(np.sum(np.log(np.diag(L)))) + float(np.sum(np.log(unit)))
+    volume -= math.log(float(end.theta[0]))  # of log power
     middle = sensors.mean(axis=0)
     square = max(float(np.mean(np.sum((sensors - middle) ** 2, axis=1))), 1e-300)
     vx, vy = end.theta[3:5].tolist()
