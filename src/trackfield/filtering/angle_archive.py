@@ -23,6 +23,7 @@ def packed(state: AngleState) -> bytes:
         "recent": [[s.t_s, *(column.tolist() for column in s[1:])] for s in state.recent],
         "waited": state.waited,
         "number": state.number,
+        "alive": state.alive,
         "track": None if track is None else _plain(track),
     }
     return _MAGIC + json.dumps(plain).encode()
@@ -39,7 +40,8 @@ def unpacked(data: bytes) -> AngleState:
             for t_s, sensor, value, sigma in plain["recent"]
         )
         track = None if plain["track"] is None else _track(plain["track"])
-        return AngleState(recent, int(plain["waited"]), int(plain["number"]), track)
+        alive = tuple(plain["alive"])
+        return AngleState(recent, int(plain["waited"]), int(plain["number"]), track, alive)
     except (ValueError, KeyError, TypeError):
         raise StateError("found a damaged state of the tracker of angles") from None
 
@@ -50,6 +52,7 @@ def _plain(track: AngleTrack) -> dict[str, Any]:
         "weights": track.weights.tolist(),
         "modes": [track.modes.weights.tolist(), *_lists(track.modes.beliefs)],
         "prior": _lists(track.prior),
+        "whole": _lists(track.whole),
     }
 
 
@@ -61,6 +64,7 @@ def _track(plain: dict[str, Any]) -> AngleTrack:
         weights=np.array(plain["weights"], float),
         modes=Modes(shares, Gaussian(*beliefs)),
         prior=Gaussian(*(np.array(column, float) for column in plain["prior"])),
+        whole=Gaussian(*(np.array(column, float) for column in plain["whole"])),
         nis=float(plain["nis"]),
         misfits=tuple(plain["misfits"]),
         confirmed=bool(plain["confirmed"]),

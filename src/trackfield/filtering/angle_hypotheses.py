@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,11 +20,27 @@ _PRUNED = 1e-4
 _SAME2 = 1.0  # squared standard deviations within which two hypotheses are one
 
 
+def fresh(beliefs: Gaussian, *, t_s: float, modes: int) -> AngleTrack:
+    """Make a track of hypotheses (H, n) that are equally likely, as are the modes of each."""
+    hypotheses = len(beliefs.mean)
+    return AngleTrack(
+        t_s=t_s,
+        names=tuple(range(hypotheses)),
+        weights=np.full(hypotheses, 1.0 / hypotheses),
+        modes=interacting.init(beliefs, (1.0,) * modes),
+        prior=beliefs,
+        whole=beliefs,
+        nis=math.nan,
+        misfits=(),
+        confirmed=False,
+    )
+
+
 def thinned(track: AngleTrack) -> AngleTrack:
     """Drop hypotheses that are unlikely, or have become the same as a likelier one."""
     if len(track.names) == 1:
         return track
-    whole = interacting.combined(track.modes)
+    whole = track.whole
     weights: Vector = track.weights.copy()
     keep: list[int] = []
     order: list[int] = np.argsort(-track.weights, kind="stable").tolist()
@@ -42,6 +59,7 @@ def thinned(track: AngleTrack) -> AngleTrack:
             Gaussian(modes.beliefs.mean[keep], modes.beliefs.covariance[keep]),
         ),
         prior=Gaussian(prior.mean[keep], prior.covariance[keep]),
+        whole=Gaussian(whole.mean[keep], whole.covariance[keep]),
     )
 
 
@@ -68,9 +86,8 @@ def smoothed(tracks: Sequence[AngleTrack], name: int) -> Gaussian:
 
 
 def _belief(track: AngleTrack, name: int) -> Gaussian:
-    whole = interacting.combined(track.modes)
     place = track.names.index(name)
-    return Gaussian(whole.mean[place], whole.covariance[place])
+    return Gaussian(track.whole.mean[place], track.whole.covariance[place])
 
 
 def shown(t_s: float, weights: Vector, whole: Gaussian, *, status: Status, nis: float) -> Shown:
