@@ -27,7 +27,7 @@ class Walk(NamedTuple):
     pace_m_s: float = 0.45
     velocity_time_s: float = 6.0
     stops_per_s: float = 0.05
-    goes_per_s: float = 0.2
+    goes_per_s: float = 0.1
     sway_m: float = 0.05  # of one that stands, in a second
     height_m: float = 0.0
     height_sigma_m: float = 0.0  # 0: the height is known
@@ -35,12 +35,11 @@ class Walk(NamedTuple):
 
 
 class Fading(NamedTuple):
-    """How long errors last: shadows over `shadow_m` travelled or `shadow_s`; the beacon's power.
+    """How long errors last: shadows in a place for `shadow_s`; the beacon's power for `offset_s`.
 
-    The power differs from the calibrated one by N(0, offset_db^2), forgotten over `offset_s`.
+    The power differs from the calibrated one by N(0, offset_db^2).
     """
 
-    shadow_m: float = 4.0
     shadow_s: float = 30.0
     offset_db: float = 1.0
     offset_s: float = 100.0
@@ -57,6 +56,7 @@ class Cloud(NamedTuple):
     receiver: Indices  # (S,) counts in the site, the last heard last
     shadow_db: Matrix  # (S, N) mean
     shadow_var: Matrix  # (S, N) [dB^2]
+    blocked: Matrix  # (S, N) probability that a body or a wall stands in the way
 
 
 class Moments(NamedTuple):
@@ -90,10 +90,10 @@ def going(cloud: Cloud) -> Matrix:
 def move(
     cloud: Cloud, dt: float, rng: np.random.Generator, *, walk: Walk, fading: Fading
 ) -> tuple[Cloud, Vector]:
-    """Move the particles for `dt` [s]; also the share rho (N,) that is left of each shadow.
+    """Move the particles for `dt` [s]; also tell how far (N,) [m] each went in the plane.
 
-    The velocity's process is integrated exactly. Shadows themselves fade by `fade`, which must
-    know what is usual in the new place.
+    The velocity's process is integrated exactly. Shadows fade by `fade`, which must know what is
+    usual in the new place.
     """
     n = cloud.moves.size
     tau, a = walk.velocity_time_s, math.exp(-dt / walk.velocity_time_s)
@@ -119,19 +119,37 @@ def move(
     offset = o * cloud.offset_db + fading.offset_db * math.sqrt(1.0 - o * o) * rng.standard_normal(
         n
     )
-    rho = np.exp(-np.hypot(step[0], step[1]) / fading.shadow_m - dt / fading.shadow_s)
     moved = cloud._replace(
         position=cloud.position + step, velocity=velocity, moves=moves, offset_db=offset
     )
-    return moved, rho
+    return moved, np.hypot(step[0], step[1])
 
 
-def fade(cloud: Cloud, rho: Vector, usual: Matrix) -> Cloud:
-    """Leave the share `rho` (N,) of each shadow; their variance tends to `usual` (S, N)."""
+class Usual(NamedTuple):
+    """What is believed of S receivers that are not heard: their shadows, and blocked paths.
+
+    A shadow keeps the share exp(-d / `shadow_m`) over d metres; a path stays blocked or clear with
+    exp(-dt / `block_s`).
+    """
+
+    shadow_var: Matrix  # (S, N) [dB^2]
+    shadow_m: Vector  # (S,)
+    blocked: Matrix  # (S, N) probability
+    block_s: Vector  # (S,), 0: each reading by itself
+
+
+def fade(cloud: Cloud, far: Vector, dt: float, *, usual: Usual, fading: Fading) -> Cloud:
+    """Let shadows and what is in the way become usual over `far` (N,) [m] and `dt` [s]."""
+    lengths = usual.shadow_m[:, None]
+    if np.ptp(lengths) == 0.0:
+        lengths = lengths[:1]
+    rho = np.exp(-far / lengths - dt / fading.shadow_s)
     square = rho * rho
+    stays = np.exp(-dt / np.maximum(usual.block_s, 1e-9))[:, None]
     return cloud._replace(
         shadow_db=cloud.shadow_db * rho,
-        shadow_var=square * cloud.shadow_var + (1.0 - square) * usual,
+        shadow_var=usual.shadow_var + square * (cloud.shadow_var - usual.shadow_var),
+        blocked=usual.blocked + stays * (cloud.blocked - usual.blocked),
     )
 
 
@@ -154,6 +172,7 @@ def resampled(cloud: Cloud, u: float, count: int) -> tuple[Cloud, Indices]:
         cloud.receiver,
         cloud.shadow_db[:, parent],
         cloud.shadow_var[:, parent],
+        cloud.blocked[:, parent],
     ), parent
 
 
@@ -174,6 +193,7 @@ def joined(first: Cloud, second: Cloud) -> Cloud:
         first.receiver,
         np.concatenate([first.shadow_db, second.shadow_db], axis=1),
         np.concatenate([first.shadow_var, second.shadow_var], axis=1),
+        np.concatenate([first.blocked, second.blocked], axis=1),
     )
 
 

@@ -18,8 +18,9 @@ from trackfield.types import Indices, Matrix, Vector
 
 _CELL_M = 0.5  # of the table of shadows, where that is not too many
 _MOST_NUMBERS = 1_000_000  # in the table: 8 MB for mean and variance in single precision
-_BESIDE = 0.15  # of its width and height the area reaches beyond receivers and survey ...
-_BESIDE_LEAST_M = 2.0  # ... but this at least
+_CHANGED = 0.75  # of the fading's variance: who carries the beacon now, doors, what was moved
+_BESIDE = 0.1  # of its width and height the area reaches beyond receivers and survey ...
+_BESIDE_LEAST_M = 1.0  # ... but this at least
 
 
 class ShadowTable(NamedTuple):
@@ -28,7 +29,7 @@ class ShadowTable(NamedTuple):
     corner: tuple[float, float]  # [m] of the first row and column
     cell_m: float
     mean: NDArray[np.float32]  # (n, rows, columns) [dB]
-    variance: NDArray[np.float32]  # (n, rows, columns) [dB^2], of the nearest corner
+    variance: NDArray[np.float32]  # (n, rows, columns) [dB^2], taken at the nearest corner
 
     def cells(self, position: Matrix) -> tuple[Indices, Indices, Vector, Vector]:
         """Row and column of the cell of each position (3, N), and where in it, 0 to 1."""
@@ -50,6 +51,7 @@ class Field:
     sensors: Matrix  # (n, 3), z NaN: the height of the target does not count
     area: Region  # where targets are taken to be
     usual: Vector  # (n,) variance of the shadow where nobody has surveyed [dB^2]
+    changed: Vector  # (n,) variance of what a surveyed shadow has become since [dB^2]
     table: ShadowTable | None
 
     def strength(self, receivers: Indices, position: Matrix) -> Matrix:
@@ -75,7 +77,7 @@ class Field:
             return self.usual[receivers, None]
         row, column, u, v = self.table.cells(position)
         nearest = receivers[:, None], row + (v > 0.5), column + (u > 0.5)
-        return self.table.variance[nearest].astype(np.float64)
+        return self.table.variance[nearest] + self.changed[receivers, None]
 
 
 def field(site: Site) -> Field:
@@ -84,7 +86,8 @@ def field(site: Site) -> Field:
     area = _area(site)
     usual = np.square(chart.models.shadow_db)
     if site.survey is None or not len(site.survey):
-        return Field(chart.models, site.positions, area, usual, None)
+        return Field(chart.models, site.positions, area, usual, np.zeros_like(usual), None)
+    changed = _CHANGED * np.square(chart.models.fading_db)
     n = len(site.sensor_ids)
     x0, y0, x1, y1 = area
     cell = max(_CELL_M, math.sqrt((x1 - x0) * (y1 - y0) * n / _MOST_NUMBERS))
@@ -96,7 +99,12 @@ def field(site: Site) -> Field:
         places = np.column_stack([xs, np.full(xs.size, y)])
         mean[:, row], variance[:, row] = _shadow(chart, places)
     return Field(
-        chart.models, site.positions, area, usual, ShadowTable((x0, y0), cell, mean, variance)
+        chart.models,
+        site.positions,
+        area,
+        usual,
+        changed,
+        ShadowTable((x0, y0), cell, mean, variance),
     )
 
 
@@ -111,14 +119,18 @@ def _shadow(chart: RadioMap, places: Matrix) -> tuple[Matrix, Matrix]:
 
 
 def _area(site: Site) -> Region:
-    """Where targets are taken to be: the region told, or receivers and survey with a margin."""
+    """Where targets are taken to be: the region told, or about receivers, survey and rooms.
+
+    Who tells of rooms tells where targets are: then there is no margin.
+    """
     if site.reports.region is not None:
         return site.reports.region
-    places = site.positions[:, :2]
+    places = [site.positions[:, :2], *(np.array(room.polygon) for room in site.rooms)]
     if site.survey is not None:
-        places = np.vstack([places, site.survey.position[:, :2]])
-    low, high = places.min(axis=0), places.max(axis=0)
-    margin = max(_BESIDE_LEAST_M, _BESIDE * float((high - low).max()))
+        places.append(site.survey.position[:, :2])
+    every = np.vstack(places)
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin = max(_BESIDE_LEAST_M, _BESIDE * float((high - low).max())) * (not site.rooms)
     return Region(
         float(low[0] - margin),
         float(low[1] - margin),

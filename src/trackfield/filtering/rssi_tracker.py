@@ -16,27 +16,21 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.filtering import rssi_state
-from trackfield.filtering.range_tracker import height_prior
 from trackfield.filtering.rssi_cloud import (
     Cloud,
-    Fading,
-    Walk,
     carried,
-    confined,
     effective,
-    fade,
     going,
     joined,
     moments,
-    move,
     resampled,
     weights,
 )
-from trackfield.filtering.rssi_evidence import hear
-from trackfield.filtering.rssi_field import Field, field
+from trackfield.filtering.rssi_evidence import Path, hear, surprise
+from trackfield.filtering.rssi_prior import RssiPrior, rssi_prior
 from trackfield.filtering.rssi_state import RssiState
 from trackfield.filtering.scans import Scan, Shown
-from trackfield.network.site import Site, Target
+from trackfield.network.site import Site
 from trackfield.types import Indices, Matrix, Status, Vector
 
 _TICK_S = 0.02  # readings so near in time are taken without a motion between them
@@ -46,16 +40,13 @@ _SLOTS = 24  # receivers whose shadows are followed at a time
 _START = 4  # times as many particles until the first drawing
 _LOST = 0.05  # share of particles that look whether the beacon is anywhere else ...
 _CARRIED_OFF = 1e-3  # ... with this probability, at each drawing
-_KEPT_FADING = 0.5  # share of the fading's power that stays while the beacon hardly moves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RssiFilter:
     """A `ScanFilter` of signal strengths; made by `create`."""
 
-    field: Field
-    walk: Walk
-    fading: Fading
+    prior: RssiPrior
     particles: int
     drop_s: float
     seed: int
@@ -77,17 +68,17 @@ class RssiFilter:
             state = RssiState(draws=state.draws)
         rng = self._rng(state.draws)
         if state.cloud is None:
-            cloud, moved_s = self._spread(rng, _START * self.particles), scan.t_s
+            cloud, moved_s = self.prior.spread(rng, _START * self.particles), scan.t_s
             state = state._replace(born=state.draws)
         elif scan.t_s - state.moved_s >= _TICK_S:
-            cloud, moved_s = self._moved(state.cloud, scan.t_s - state.moved_s, rng), scan.t_s
+            cloud, moved_s = self.prior.moved(state.cloud, scan.t_s - state.moved_s, rng), scan.t_s
         else:
             cloud, moved_s = state.cloud, state.moved_s
         nis = 0.0
         for rows in _rounds(scan.sensor):
             part = Scan(scan.t_s, scan.sensor[rows], scan.value[rows], scan.sigma[rows])
-            cloud, surprise = self._heard(cloud, part)
-            nis += surprise
+            cloud, squares = self._heard(cloud, part)
+            nis += squares
         parent = None
         if effective(cloud) < 0.5 * self.particles or cloud.moves.size > self.particles:
             cloud, parent = self._drawn(cloud, rng)
@@ -144,7 +135,7 @@ class RssiFilter:
             raise InputError(f"found a scan at {scan.t_s} s, expected none before {state.t_s} s")
         if not np.all(np.isfinite(scan.value)):
             raise InputError(f"found a strength of {scan.value} dBm, expected finite numbers")
-        n = len(self.field.sensors)
+        n = len(self.prior.field.sensors)
         if scan.sensor.size and not 0 <= scan.sensor.min() <= scan.sensor.max() < n:
             raise InputError(f"found receivers {scan.sensor}, expected 0 to {n - 1}")
 
@@ -152,73 +143,37 @@ class RssiFilter:
         """Return the random stream of one step: a state's future does not depend on its past."""
         return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, draws, 0]))
 
-    def _spread(self, rng: np.random.Generator, count: int) -> Cloud:
-        """Particles anywhere in the area, which know nothing."""
-        area, walk = self.field.area, self.walk
-        position = np.empty((3, count))
-        position[0] = rng.uniform(area.x_min, area.x_max, count)
-        position[1] = rng.uniform(area.y_min, area.y_max, count)
-        position[2] = walk.height_m + walk.height_sigma_m * rng.standard_normal(count)
-        velocity = walk.pace_m_s * rng.standard_normal((3, count))
-        velocity[2] = 0.0
-        moving = walk.goes_per_s / (walk.goes_per_s + walk.stops_per_s)
-        none = np.empty((0, count))
-        return Cloud(
-            position,
-            velocity,
-            rng.random(count) < moving,
-            self.fading.offset_db * rng.standard_normal(count),
-            np.zeros(count),
-            np.empty(0, np.int32),
-            none,
-            none,
-        )
-
-    def _usual(self, receivers: Indices, position: Matrix) -> Matrix:
-        """Variance of the shadow (S, N) before anything was heard in a place."""
-        kept = _KEPT_FADING * np.square(self.field.models.fading_db[receivers, None])
-        found = self.field.unknown(receivers, position) + kept
-        return np.broadcast_to(found, (receivers.size, position.shape[1]))
-
-    def _moved(self, cloud: Cloud, dt: float, rng: np.random.Generator) -> Cloud:
-        moved, rho = move(cloud, dt, rng, walk=self.walk, fading=self.fading)
-        moved = confined(moved, self.field.area)
-        return fade(moved, rho, self._usual(moved.receiver, moved.position))
-
     def _heard(self, cloud: Cloud, scan: Scan) -> tuple[Cloud, float]:
         """Condition on readings of different receivers; also the sum of their squared surprises."""
         cloud, slots = self._followed(cloud, scan.sensor)
-        models = self.field.models
+        models = self.prior.field.models
         own = models.sigma_db[scan.sensor]
         sigma = np.where(np.isfinite(scan.sigma), scan.sigma, own)
-        off = scan.value[:, None] - self.field.strength(scan.sensor, cloud.position)
+        off = scan.value[:, None] - self.prior.field.strength(scan.sensor, cloud.position)
         off -= cloud.offset_db
-        shadow = cloud.shadow_db[slots], cloud.shadow_var[slots]
-        w = weights(cloud)
-        e = off - shadow[0]
-        mean = e @ w
-        spread = (np.square(e - mean[:, None]) + shadow[1]) @ w + np.square(sigma)
-        heard = hear(models, scan.sensor, off_db=off, sigma_db=sigma, shadow=shadow)
+        path = Path(cloud.shadow_db[slots], cloud.shadow_var[slots], cloud.blocked[slots])
+        nis = surprise(models, scan.sensor, off_db=off, path=path, w=weights(cloud), sigma_db=sigma)
+        heard = hear(models, scan.sensor, off_db=off, sigma_db=sigma, path=path)
         log_weight = cloud.log_weight + heard.log_likelihood
-        shadow_db, shadow_var = cloud.shadow_db.copy(), cloud.shadow_var.copy()
-        shadow_db[slots], shadow_var[slots] = heard.shadow_db, heard.shadow_var
-        cloud = cloud._replace(
-            log_weight=log_weight - log_weight.max(), shadow_db=shadow_db, shadow_var=shadow_var
-        )
-        return cloud, float((mean**2 / spread).sum())
+        now = Path(cloud.shadow_db.copy(), cloud.shadow_var.copy(), cloud.blocked.copy())
+        for old, new in zip(now, heard.path, strict=True):
+            old[slots] = new
+        cloud = cloud._replace(log_weight=log_weight - log_weight.max(), **now._asdict())
+        return cloud, nis
 
     def _followed(self, cloud: Cloud, receivers: Indices) -> tuple[Cloud, Indices]:
         """Make room for the shadows of `receivers` (m,), and tell their rows (m,)."""
         new = receivers[~np.isin(receivers, cloud.receiver)]
         if new.size:
-            usual = self._usual(new, cloud.position)
+            usual = self.prior.usual(new, cloud.position)
             kept = ~np.isin(cloud.receiver, receivers)
             idle = np.flatnonzero(kept)[: max(cloud.receiver.size + new.size - _SLOTS, 0)]
             stay = np.delete(np.arange(cloud.receiver.size), idle)
             cloud = cloud._replace(
                 receiver=np.concatenate([cloud.receiver[stay], new]),
-                shadow_db=np.concatenate([cloud.shadow_db[stay], np.zeros_like(usual)]),
-                shadow_var=np.concatenate([cloud.shadow_var[stay], usual]),
+                shadow_db=np.concatenate([cloud.shadow_db[stay], np.zeros_like(usual.shadow_var)]),
+                shadow_var=np.concatenate([cloud.shadow_var[stay], usual.shadow_var]),
+                blocked=np.concatenate([cloud.blocked[stay], usual.blocked]),
             )
         order = np.argsort(cloud.receiver, kind="stable")
         rows = order[np.searchsorted(cloud.receiver, receivers, sorter=order)]
@@ -226,23 +181,24 @@ class RssiFilter:
 
     def _drawn(self, cloud: Cloud, rng: np.random.Generator) -> tuple[Cloud, Indices]:
         """Particles of equal weight, and few that look whether the beacon was carried off."""
-        lookers = int(_LOST * self.particles)
+        lookers = math.ceil(_LOST * self.particles)
         drawn, parent = resampled(cloud, rng.random(), self.particles - lookers)
-        anew = self._spread(rng, lookers)
-        usual = self._usual(cloud.receiver, anew.position)
+        anew = self.prior.spread(rng, lookers)
+        usual = self.prior.usual(cloud.receiver, anew.position)
         light = math.log(_CARRIED_OFF / (1.0 - _CARRIED_OFF) * drawn.moves.size / lookers)
         anew = anew._replace(
             log_weight=np.full(lookers, light),
             receiver=cloud.receiver,
-            shadow_db=np.zeros_like(usual),
-            shadow_var=usual,
+            shadow_db=np.zeros_like(usual.shadow_var),
+            shadow_var=usual.shadow_var,
+            blocked=usual.blocked,
         )
         return joined(drawn, anew), np.concatenate([parent, np.full(lookers, -1, np.int32)])
 
     def _show(
         self, state: RssiState, t_s: float, position: Matrix, velocity: Matrix, *, w: Vector
     ) -> Shown:
-        m = carried(moments(position, velocity, w), t_s - state.moved_s, self.walk)
+        m = carried(moments(position, velocity, w), t_s - state.moved_s, self.prior.walk)
         silent = t_s - state.t_s
         if silent > self.drop_s:
             status = Status.ENDED
@@ -264,35 +220,12 @@ def create(site: Site, *, particles: int = 1000, seed: int = 0) -> RssiFilter:
 
     `ConfigurationError` if a sensor measures something else.
     """
-    offset = Fading() if site.tracker.self_calibration else Fading(offset_db=0.0)
     return RssiFilter(
-        field(site),
-        walk(site),
-        offset,
+        rssi_prior(site),
         particles,
         site.tracker.drop_s,
         seed,
         site.target.dimensions == 3 or site.target.height_m is not None,
-    )
-
-
-def walk(site: Site) -> Walk:
-    """How beacons of `site` are carried, from what it says of its targets."""
-    target: Target = site.target
-    usual = Walk()
-    pace = usual.pace_m_s
-    if target.accel_sigma_m_s2 is not None:
-        pace = target.accel_sigma_m_s2 * math.sqrt(0.5 * usual.velocity_time_s)
-    height, sigma = height_prior(site)
-    if target.dimensions == 3:
-        z = site.positions[:, 2]
-        height, sigma = float(z.mean()), max(1.0, 0.5 * float(np.ptp(z)))
-    stops = 0.0 if target.motion == "cv" else usual.stops_per_s
-    return usual._replace(
-        pace_m_s=min(pace, target.max_speed_m_s),
-        stops_per_s=stops,
-        height_m=height,
-        height_sigma_m=sigma,
     )
 
 
