@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from pass_scene import LAYOUT, NOISY, PASS, QUIET, TIMES, drawn, messages
 from trackfield.errors import InputError
@@ -20,6 +21,7 @@ from trackfield.localization.pass_messages import common_records, fishers
 from trackfield.sensing import profile as profiles
 from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.pass_profile import predict
+from trackfield.sensing.profile_fit import fit
 
 seeds = st.integers(0, 2**32 - 1)
 RAYLEIGH = AmplitudeModel(sigma=0.3, fading="rayleigh")
@@ -131,6 +133,170 @@ def test_two_sensors_leave_four_trajectories():
     assert found.verdict == PassVerdict.TOO_FEW
     assert len(found.theta) == 4
     assert np.abs(found.theta - PASS).max(axis=1).min() < 1e-5
+
+
+@given(seeds)
+@settings(max_examples=60)
+def test_messages_at_random_give_no_confident_answer_that_they_contradict(seed):
+    """Finite numbers always; and what is called good explains every message."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    psi = np.exp(rng.normal([0.0, 2.0, 1.5], [1.5, 1.5, 1.2], (n, 3))) * [1, rng.choice([-1, 1]), 1]
+    psi[rng.random(n) < 0.1, rng.integers(0, 3)] = 0.0
+    model = (QUIET, NOISY, RAYLEIGH)[seed % 3]
+    junk = messages(n, model=model, sensors=rng.uniform(-2, 2, (n, 2)))._replace(profiles=psi)
+    found = fuse(junk)
+    for part in found[:-1]:
+        assert np.isfinite(part).all()
+    for covariance in found.covariance:
+        assert np.linalg.eigvalsh(covariance / np.trace(covariance)).min() > -1e-9
+    if len(found.weight):
+        assert found.weight.sum() == pytest.approx(1.0)
+        assert (np.diff(found.weight) <= 0.0).all()
+    if found.verdict in (PassVerdict.GOOD, PassVerdict.AMBIGUOUS):
+        explained = (roots(found.theta[0], junk) ** 2).sum()
+        assert explained < chi2.isf(1e-6, 3 * n - 5) + 12.0 * n
+        assert found.gain[0] > 12.0
+
+
+def test_noise_alone_is_told_as_nothing():
+    rng, verdicts = np.random.default_rng(4), []
+    for n in (3, 5, 10, 20) * 5:
+        records = 0.3 * rng.standard_normal((n, 25))
+        profile = fit(AmplitudeModel(sigma=0.3), TIMES, records).profile
+        noise = messages(n, model=AmplitudeModel(sigma=0.3))._replace(profiles=profile.array())
+        verdicts.append(fuse(noise).verdict)
+    assert set(verdicts) == {PassVerdict.NOTHING}
+
+
+def test_a_target_at_rest_is_not_told_to_pass():
+    rng = np.random.default_rng(5)
+    r = np.linalg.norm(LAYOUT[:6] - [0.1, 0.2], axis=1)
+    records = 1.0 / r[:, None] + QUIET.sigma * rng.standard_normal((6, 25))
+    profile = fit(QUIET, TIMES, records).profile
+    found = fuse(messages(6)._replace(profiles=profile.array()))
+    assert found.verdict == PassVerdict.UNCERTAIN
+
+
+def test_identical_messages_of_sensors_apart_contradict_each_other():
+    found = fuse(messages(5)._replace(profiles=np.tile([1.0, 12.0, 5.0], (5, 1))))
+    assert found.verdict == PassVerdict.CONTRADICTORY
+
+
+def test_sensors_at_one_place_are_one_sensor():
+    assert fuse(messages(sensors=np.tile(LAYOUT[2], (4, 1)))).verdict == PassVerdict.NOTHING
+    two = fuse(messages(sensors=LAYOUT[[2, 2, 0, 0]]))
+    assert two.verdict == PassVerdict.TOO_FEW
+    assert len(two.theta) == 4
+
+
+def test_a_target_through_two_sensors_is_told_as_uncertain_at_most():
+    on_the_way = PASS[1:3] + np.outer([10.0, 15.0], PASS[3:])
+    found = fuse(messages(sensors=np.vstack([on_the_way, LAYOUT[2:4]])))
+    assert found.verdict not in (PassVerdict.GOOD, PassVerdict.AMBIGUOUS)
+    assert np.isfinite(found.covariance).all()
+
+
+def test_one_message_that_lies_is_noticed():
+    exact = messages(6)
+    exact.profiles[2, 1] += 5.0
+    assert fuse(exact).verdict == PassVerdict.CONTRADICTORY
+
+
+def test_a_sensor_that_heard_nothing_tells_where_the_target_did_not_pass():
+    """Of four trajectories two sensors leave, the silent ones rule out those that pass them."""
+    four = fuse(messages(2))
+    silent = messages(5)
+    silent.profiles[2:] = 0.0
+    silent = silent._replace(sensors=np.vstack([LAYOUT[:2], np.tile(four.theta[0, 1:3], (3, 1))]))
+    assert len(fuse(silent).theta) < 4
+
+
+@pytest.mark.parametrize("clock_sigma_s", [0.5, 2.0])
+def test_clocks_are_found_along_with_the_trajectory(clock_sigma_s):
+    rng = np.random.default_rng(6)
+    doubtful = AmplitudeModel(sigma=QUIET.sigma, clock_sigma_s=clock_sigma_s)
+    believed, nees, errors, none = [], [], [], []
+    for _ in range(40):
+        noisy = drawn(rng, n=8)
+        ahead = clock_sigma_s * rng.standard_normal(8)
+        noisy.profiles[:, 1] += ahead
+        found = fuse(noisy._replace(models=(doubtful,) * 8))
+        off = found.theta[0] - PASS
+        nees.append(off @ np.linalg.solve(found.covariance[0], off) / 5)
+        believed.append(found.verdict)
+        errors.append(off)
+        none.append(fuse(noisy).theta[0] - PASS)
+        assert np.corrcoef(found.ahead_s[0], ahead)[0, 1] > 0.5
+    assert 0.7 < np.mean(nees) < 1.4
+    assert np.std(errors, axis=0)[1] < 0.8 * np.std(none, axis=0)[1]
+    assert believed.count(PassVerdict.GOOD) >= 38
+
+
+def test_an_unknown_exponent_is_estimated_with_an_honest_covariance():
+    rng, off = np.random.default_rng(7), []
+    for _ in range(40):
+        noisy = drawn(rng, n=8, model=AmplitudeModel(exponent=1.3, sigma=QUIET.sigma))
+        thought = noisy._replace(models=(QUIET,) * 8)
+        found = fuse(thought, settings=PassSettings(exponent_sigma=0.4))
+        error = np.append(found.theta[0] - PASS, found.exponent[0] - 1.3)
+        off.append(error @ np.linalg.solve(found.covariance[0], error) / 6)
+        assert found.exponent[0] == pytest.approx(1.3, abs=0.1)
+    assert 0.6 < np.mean(off) < 1.5
+
+
+def test_slopes_with_clocks_and_exponent_lead_to_the_same_minimum_from_all_starts():
+    noisy = drawn(np.random.default_rng(8), n=6)
+    doubtful = (AmplitudeModel(sigma=QUIET.sigma, clock_sigma_s=0.3),) * 6
+    chosen = PassSettings(exponent_sigma=0.2, starts="all", searches=30)
+    a = fuse(noisy._replace(models=doubtful), settings=chosen)
+    b = fuse(noisy._replace(models=doubtful), settings=PassSettings(exponent_sigma=0.2))
+    assert a.converged[0]
+    np.testing.assert_allclose(a.theta[0], b.theta[0], rtol=1e-3)
+
+
+def test_fishers_of_silence_are_zero_and_those_of_the_paper_checked():
+    silent = messages(3)
+    silent.profiles[1] = 0.0
+    J = fishers(silent)
+    np.testing.assert_array_equal(J[1], 0.0)
+    assert (np.linalg.eigvalsh(J[[0, 2]]) > 0.0).all()
+    with pytest.raises(InputError, match="fishers"):
+        fuse_as_printed(messages(3), J[:2])
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"sensors": LAYOUT[:2]}, "sensors"),
+        ({"sensors": np.full((3, 2), np.inf)}, "sensor 0"),
+        ({"profiles": -np.ones((3, 3))}, "negative"),
+        ({"models": (QUIET,) * 2}, "models"),
+        ({"models": (QUIET, QUIET, AmplitudeModel(exponent=2.0))}, "exponents"),
+    ],
+)
+def test_what_is_no_set_of_messages_is_refused(change, match):
+    with pytest.raises(InputError, match=match):
+        fuse(messages(3)._replace(**change))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "match"),
+    [("step_s", 0.0, "steps"), ("samples", 0.0, "sample"), ("samples", 1e7, "at most")],
+)
+def test_records_that_cannot_be_are_refused(column, value, match):
+    exact = messages(3)
+    getattr(exact.records, column)[1] = value
+    with pytest.raises(InputError, match=match):
+        fuse(exact)
+
+
+def test_settings_and_times_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match="exponent_sigma"):
+        fuse(messages(3), settings=PassSettings(exponent_sigma=-1.0))
+    with pytest.raises(InputError, match="evenly"):
+        common_records(3, np.array([0.0, 1.0, 3.0]))
+    assert common_records(2, np.array([4.0])).step_s.tolist() == [1.0, 1.0]
 
 
 def test_every_verdict_has_its_reason():

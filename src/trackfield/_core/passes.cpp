@@ -79,7 +79,9 @@ static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InS
         const Fit &fit = found[i].fit;
         Square L{};
         double ridge = 0.0;
-        while (!factor(fit.F, ridge, pass.n, L) && ridge < 1e6) ridge = std::max(10.0 * ridge, 1e-12);
+        while (!factor(fit.F, ridge, pass.n, L) && ridge < 1.0) ridge = std::max(10.0 * ridge, 1e-12);
+        if (ridge >= 1.0)  // nothing to be divided by: told as not fixed
+            for (int a = 0; a < pass.n; ++a) L[a] = {}, L[a][a] = 1e-3;
         for (int a = 0; a < pass.n; ++a) {
             Column unit{};
             unit[a] = size[a];

@@ -53,6 +53,8 @@ class Message {
             loudness_ = fisher[0] * a * a;
             return;
         }
+        // narrower than any two samples can tell: the same flanks
+        if (const double narrow = 0.01 * record[1]; heard && width < narrow) a *= std::pow(width / narrow, alpha), width = narrow;
         for (size_t i = 0; i < count_; ++i) times_[i] = record[0] + record[1] * double(i);
         tell(alpha);
         loudness_ = 2.0 * half({1e300, 0.0, 0.0}, alpha);

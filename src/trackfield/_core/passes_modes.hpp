@@ -8,13 +8,13 @@ namespace trackfield::passes {
 
 struct Search {
     int pairs_of = 4;        // pairs of so many sensors, the loudest
-    int searched = 6;        // starts that are searched from, the best
+    int searched = 6;        // starts that are searched from: the best, or others in place of what leads nowhere new
     bool printed = false;    // neither the linear start nor the mirror image
     int steps = 60;          // of each search
     double done = 1e-7;      // promised gain of half the deviance at which a search ends
     double within = 12.0;    // half the deviance by which a mode may be worse than the best
     double least = 1e-3;     // weight of a mode that is told
-    double mirrors = 100.0;  // the same for the mirror image of the best, before it is searched from
+    double far = 100.0;      // the same for starts beyond the best ones and for the mirror image, before a search
 };
 
 struct Mode {
@@ -67,47 +67,55 @@ inline std::vector<Column> starts(const Pass &pass, const Search &search) {
     return all;
 }
 
-// The best starts, best first; those that lie in one place count once.
-inline std::vector<Column> ranked(const Pass &pass, const std::vector<Column> &all, size_t most) {
-    std::vector<std::pair<double, size_t>> best;
+struct Start {
+    double half;
+    size_t place;
+    bool operator<(const Start &other) const { return half < other.half; }
+};
+
+// The `most` best of some starts, best first.
+inline std::vector<Start> ranked(const Pass &pass, const std::vector<Column> &all, size_t most) {
+    std::vector<Start> best;
     for (size_t i = 0; i < all.size(); ++i) {
-        const double limit = best.size() < most ? std::numeric_limits<double>::infinity() : best.back().first;
-        const double half = pass.half(all[i], limit);
-        if (!(half < limit)) continue;
-        best.insert(std::upper_bound(best.begin(), best.end(), std::pair{half, i}), {half, i});
+        const double limit = best.size() < most ? std::numeric_limits<double>::infinity() : best.back().half;
+        const Start start{pass.half(all[i], limit), i};
+        if (!(start.half < limit)) continue;
+        best.insert(std::upper_bound(best.begin(), best.end(), start), start);
         if (best.size() > most) best.pop_back();
     }
-    std::vector<Column> out;
-    for (const auto &[half, i] : best) out.push_back(all[i]);
-    return out;
+    return best;
 }
 
-// Searches from a start; what leads to a mode that is known already is given up on the way.
-inline void add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
+// Searches from a start, unless it lies at a mode that is known; what leads to one is given up on the way.
+inline bool add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
     const auto near = [&](const Column &state, double limit) {
         return std::ranges::any_of(modes, [&](const Mode &m) { return m.fit.converged && apart(m.fit.F, m.fit.state, state, pass.n) < limit; });
     };
-    if (near(start, 4.0)) return;
+    if (near(start, 4.0)) return false;
     const Fit fit = pass.descend(start, search.steps, search.done, [&](const Column &state) { return near(state, 1.0); });
-    if (!std::isfinite(fit.half)) return;
+    if (!std::isfinite(fit.half)) return true;
     for (Mode &mode : modes)
         if (std::min(apart(mode.fit.F, mode.fit.state, fit.state, pass.n), apart(fit.F, mode.fit.state, fit.state, pass.n)) < 0.5) {
             if (fit.half < mode.fit.half) mode.fit = fit;
-            return;
+            return true;
         }
     modes.push_back({fit});
+    return true;
 }
 
 // Modes by falling weight; `log_weight` is relative to their sum.
 inline std::vector<Mode> modes(const Pass &pass, const Search &search) {
     std::vector<Mode> found;
-    for (const Column &start : ranked(pass, starts(pass, search), size_t(search.searched))) add(pass, search, start, found);
+    const auto best_fit = [&]() -> const Fit & { return std::ranges::min_element(found, {}, [](const Mode &m) { return m.fit.half; })->fit; };
+    const std::vector<Column> all = starts(pass, search);
+    const std::vector<Start> order = ranked(pass, all, size_t(search.printed ? 1 : 4 * search.searched));
+    int searches = 0;
+    for (int i = 0; i < int(order.size()) && searches < search.searched; ++i)
+        if (i < search.searched || found.empty() || order[size_t(i)].half < best_fit().half + search.far) searches += add(pass, search, all[order[size_t(i)].place], found);
     if (found.empty()) return found;
-    const auto better = [](const Mode &a, const Mode &b) { return a.fit.half < b.fit.half; };
-    const Fit &top_fit = std::min_element(found.begin(), found.end(), better)->fit;
-    const Column image = mirrored(pass, top_fit.state);
-    if (const double limit = top_fit.half + search.mirrors; !search.printed && pass.half(image, limit) < limit) add(pass, search, image, found);
-    const double best = std::min_element(found.begin(), found.end(), better)->fit.half;
+    const Column image = mirrored(pass, best_fit().state);
+    if (const double limit = best_fit().half + search.far; !search.printed && pass.half(image, limit) < limit) add(pass, search, image, found);
+    const double best = best_fit().half;
     std::erase_if(found, [&](const Mode &m) { return m.fit.half > best + search.within; });
     for (Mode &m : found) m.log_weight = log_weight(pass, m.fit);
     std::stable_sort(found.begin(), found.end(), [](const Mode &a, const Mode &b) { return a.log_weight > b.log_weight; });

@@ -53,7 +53,7 @@ class PassVerdict(IntEnum):
 PASS_REASONS: Mapping[PassVerdict, str] = {
     PassVerdict.GOOD: "One trajectory explains the messages.",
     PassVerdict.AMBIGUOUS: "Several trajectories explain the messages about as well.",
-    PassVerdict.UNCERTAIN: "The messages hardly fix the trajectory; its covariance is no use.",
+    PassVerdict.UNCERTAIN: "The messages hardly fix the trajectory, or nothing was seen to pass.",
     PassVerdict.CONTRADICTORY: "No straight pass of one target explains the messages.",
     PassVerdict.TOO_FEW: "Fewer than three sensors at different places heard the target.",
     PassVerdict.NOTHING: "What was heard is no more than noise makes, or heard by fewer than two.",
@@ -156,7 +156,10 @@ def _fused(
         converged=merit[:, 2] > 0.0,
         verdict=PassVerdict.GOOD,
     )
-    sure = bool(merit[0, 3] > 0.0 and within[0].diagonal()[[0, 3, 4]].max() < VAGUE**2)
+    lengths = messages.records.step_s * messages.records.samples
+    passed = ((silence >= LOUD) & (messages.profiles[:, 2] < lengths)).any()
+    fixed = merit[0, 3] > 0.0 and within[0].diagonal()[3:5].max() < VAGUE**2
+    sure = bool(passed and fixed and found.converged[0] and np.isfinite(theta[0]).all())
     return found._replace(verdict=_verdict(found, silence, places=places, sure=sure))
 
 
@@ -193,11 +196,11 @@ def _verdict(found: Passes, silence: Vector, *, places: int, sure: bool) -> Pass
         return PassVerdict.NOTHING
     if places < LEAST_SENSORS:
         return PassVerdict.TOO_FEW
-    # the best fit to noise alone lies far from any truth: three times what a loud message does
-    degrees = 3 * silence.size - 5 + 6 * int((silence < LOUD).sum())
+    # the best fit to noise alone lies far from any truth: twice what a loud message does
+    degrees = 3 * silence.size - 5 + 3 * int((silence < LOUD).sum())
     if found.deviance.sum(axis=1).min() > chdtri(degrees, DOUBT):
         return PassVerdict.CONTRADICTORY
-    if not sure or not found.converged[0] or not np.isfinite(found.theta[0]).all():
+    if not sure:
         return PassVerdict.UNCERTAIN
     return PassVerdict.GOOD if found.weight[0] >= SURE else PassVerdict.AMBIGUOUS
 
