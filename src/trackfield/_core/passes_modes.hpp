@@ -10,7 +10,8 @@ struct Search {
     int pairs_of = 4;        // pairs of so many sensors, the loudest
     int searched = 6;        // starts that are searched from: the best, or others in place of what leads nowhere new
     bool printed = false;    // neither the linear start nor the mirror image
-    int steps = 60;          // of each search
+    int patience = 3;        // searches in a row that lead nowhere new
+    int steps = 150;         // of each search
     double done = 1e-7;      // promised gain of half the deviance at which a search ends
     double within = 12.0;    // half the deviance by which a mode may be worse than the best
     double least = 1e-3;     // weight of a mode that is told
@@ -22,15 +23,12 @@ struct Mode {
     double log_weight = 0.0;
 };
 
-// Laplace: exp(-half) |F|^(-1/2) times a prior: scale-free in power and speed, any time, any heading, and the line of
-// motion N(0, 1) field radii from the middle of the sensors: what we look for goes through the field.
-inline double log_weight(const Pass &pass, const Fit &fit) {
-    Square L{};
-    double log_det = 0.0;
-    if (!factor(fit.F, 0.0, pass.n, L)) return -fit.half - 1e3;  // a direction is not fixed at all: not a mode among others
-    for (int i = 0; i < pass.n; ++i) log_det += std::log(L[i][i]);
+// exp(-half) times N(0, 1) in field radii for the line of motion's distance from the middle of the sensors: what we look
+// for goes through the field. The determinant of Laplace's rule and a prior of the speed were tried: on drawn passes they
+// chose wrongly more often, because modes of large volume are the far, fast, loud ones.
+inline double log_weight(const Fit &fit) {
     const double aside = fit.state[1] * std::sin(fit.state[4]) - fit.state[2] * std::cos(fit.state[4]);
-    return -fit.half - log_det - fit.state[3] - 0.5 * aside * aside;
+    return -fit.half - 0.5 * aside * aside;
 }
 
 // Squared distance of two states in standard deviations of one of them.
@@ -86,21 +84,23 @@ inline std::vector<Start> ranked(const Pass &pass, const std::vector<Column> &al
     return best;
 }
 
+enum class Outcome { skipped, known, fresh };
+
 // Searches from a start, unless it lies at a mode that is known; what leads to one is given up on the way.
-inline bool add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
+inline Outcome add(const Pass &pass, const Search &search, const Column &start, std::vector<Mode> &modes) {
     const auto near = [&](const Column &state, double limit) {
         return std::ranges::any_of(modes, [&](const Mode &m) { return m.fit.converged && apart(m.fit.F, m.fit.state, state, pass.n) < limit; });
     };
-    if (near(start, 4.0)) return false;
+    if (near(start, 4.0)) return Outcome::skipped;
     const Fit fit = pass.descend(start, search.steps, search.done, [&](const Column &state) { return near(state, 1.0); });
-    if (!std::isfinite(fit.half)) return true;
+    if (!std::isfinite(fit.half)) return Outcome::known;
     for (Mode &mode : modes)
         if (std::min(apart(mode.fit.F, mode.fit.state, fit.state, pass.n), apart(fit.F, mode.fit.state, fit.state, pass.n)) < 0.5) {
             if (fit.half < mode.fit.half) mode.fit = fit;
-            return true;
+            return Outcome::known;
         }
     modes.push_back({fit});
-    return true;
+    return Outcome::fresh;
 }
 
 // Modes by falling weight; `log_weight` is relative to their sum.
@@ -109,15 +109,19 @@ inline std::vector<Mode> modes(const Pass &pass, const Search &search) {
     const auto best_fit = [&]() -> const Fit & { return std::ranges::min_element(found, {}, [](const Mode &m) { return m.fit.half; })->fit; };
     const std::vector<Column> all = starts(pass, search);
     const std::vector<Start> order = ranked(pass, all, size_t(search.printed ? 1 : 4 * search.searched));
-    int searches = 0;
-    for (int i = 0; i < int(order.size()) && searches < search.searched; ++i)
-        if (i < search.searched || found.empty() || order[size_t(i)].half < best_fit().half + search.far) searches += add(pass, search, all[order[size_t(i)].place], found);
+    int searches = 0, idle = 0;
+    for (int i = 0; i < int(order.size()) && searches < search.searched && idle < search.patience; ++i) {
+        if (i >= search.searched && !found.empty() && order[size_t(i)].half > best_fit().half + search.far) break;
+        const Outcome outcome = add(pass, search, all[order[size_t(i)].place], found);
+        searches += outcome != Outcome::skipped;
+        idle = outcome == Outcome::fresh ? 0 : idle + (outcome == Outcome::known);
+    }
     if (found.empty()) return found;
     const Column image = mirrored(pass, best_fit().state);
     if (const double limit = best_fit().half + search.far; !search.printed && pass.half(image, limit) < limit) add(pass, search, image, found);
     const double best = best_fit().half;
     std::erase_if(found, [&](const Mode &m) { return m.fit.half > best + search.within; });
-    for (Mode &m : found) m.log_weight = log_weight(pass, m.fit);
+    for (Mode &m : found) m.log_weight = log_weight(m.fit);
     std::stable_sort(found.begin(), found.end(), [](const Mode &a, const Mode &b) { return a.log_weight > b.log_weight; });
     const double top = found[0].log_weight, least = top + std::log(search.least);
     std::erase_if(found, [&](const Mode &m) { return m.log_weight < least; });

@@ -100,9 +100,9 @@ def fuse(messages: PassMessages, *, settings: PassSettings | None = None) -> Pas
 
     Starts (`PassSettings`) are searched from by Levenberg-Marquardt on the deviance of the told
     profiles; the covariance is the inverse Fisher matrix at the fused trajectory, so that a weak
-    message cannot be trusted more than it deserves. Weights are Laplace's, under a prior that is
-    flat in log power, log speed, heading and time, and N(0, R^2) in the distance at which the
-    target passes the middle of the sensors, R their root mean square distance from there.
+    message cannot be trusted more than it deserves. A weight is exp(-deviance / 2), times N(0, R^2)
+    in the distance at which the target passes the middle of the sensors, R their root mean square
+    distance from there; all of them together are 1.
 
     Sensors whose `clock_sigma_s` is above 0 get their clock's error estimated along. `InputError`
     for messages that are none; for messages that say too little, see `Passes.verdict`.
