@@ -16,6 +16,7 @@ from trackfield.errors import InputError
 from trackfield.sensing.amplitude import AmplitudeModels, for_samples
 from trackfield.sensing.amplitude_likelihood import misfit
 from trackfield.sensing.profile import Profile, expected, information
+from trackfield.sensing.profile_check import contradicted
 from trackfield.types import Indices, Matrix, Vector
 
 LEAST_SAMPLES = 4  # three numbers, and one sample to contradict them
@@ -23,7 +24,6 @@ EMPTY_GAIN = (
     8.0  # in log-likelihood over nothing at all: noise gains so much in under 1 % of records
 )
 FLAT_GAIN = 5.0  # the same over a constant amplitude
-MISFIT_SIGMAS = 4.0  # by which the squared residuals of a pass may exceed their mean
 
 
 class Quality(IntEnum):
@@ -125,19 +125,17 @@ def _judged(models: AmplitudeModels, t_s: Matrix, values: Matrix, found: Matrix)
     a, t_max, width, cost, nothing, constant, _, converged = np.moveaxis(found, -1, 0)
     profile = Profile(a, t_max, width)
     mean = expected(profile, t_s, exponent=models.exponent)
-    own = for_samples(models)
-    clipped = np.asarray(values >= own.saturation)
-    m = values.shape[-1]
+    own, m = for_samples(models), values.shape[-1]
     first, last = np.min(t_s, axis=-1), np.max(t_s, axis=-1)
-    saturated = clipped.any(axis=-1)
+    saturated = np.asarray(values >= own.saturation).any(axis=-1)
 
     quality = np.where(saturated, Quality.CLIPPED, Quality.GOOD)
+    wrong = contradicted(models, values, mean=mean)
+    quality = np.where(wrong, Quality.MISFIT, quality)
     quality = np.where((t_max < first) | (t_max > last), Quality.NOT_PASSED, quality)
-    if models.fading == "none":
-        off = np.sum(np.where(clipped, 1.0, np.square((values - mean) / own.sigma)), axis=-1)
-        too_far = off > m + MISFIT_SIGMAS * np.sqrt(2.0 * m)
-        quality = np.where(too_far, Quality.MISFIT, quality)
     flat = np.where(saturated, Quality.CLIPPED, Quality.FLAT)
+    wrong = wrong & contradicted(models, values, mean=_level(models, values))
+    flat = np.where(wrong, Quality.MISFIT, flat)
     quality = np.where(constant - cost < FLAT_GAIN, flat, quality)
     quality = np.where(converged == 0.0, Quality.NOT_CONVERGED, quality)
     quality = np.where(nothing - cost < EMPTY_GAIN + np.log(m), Quality.EMPTY, quality)
@@ -147,6 +145,14 @@ def _judged(models: AmplitudeModels, t_s: Matrix, values: Matrix, found: Matrix)
         nothing = constant = cost
     J = information(profile, t_s, models)
     return ProfileFit(profile, J, -cost, nothing - cost, constant - cost, quality.astype(np.int32))
+
+
+def _level(models: AmplitudeModels, values: Matrix) -> Matrix:
+    """Give the constant amplitude (..., 1) of records (..., m)."""
+    if models.fading == "none":
+        return values.mean(axis=-1, keepdims=True)
+    energy = np.mean(np.square(values), axis=-1, keepdims=True)
+    return np.sqrt(np.maximum(energy - np.square(for_samples(models).sigma), 0.0))
 
 
 def _checked(t_s: Matrix, values: Matrix) -> tuple[Matrix, Matrix]:
