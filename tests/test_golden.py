@@ -14,13 +14,7 @@ FOLDER = ROOT / "tests" / "golden_data"
 CASES = [case for path in sorted(FOLDER.glob("*.json")) for case in load(path)]
 OURS = [case for case in CASES if case["kind"] in KINDS]
 TO_COME = {  # kinds of rooms that do not stand yet
-    "berger_cheng.json": {
-        "motion_angular_rates",
-        "motion_ghosts",
-        "motion_newton",
-        "motion_observability",
-        "motion_scalar_residual",
-    },
+    "berger_cheng.json": set(),
     "oh.json": set(),
     "wang_pham.json": set(),
 }

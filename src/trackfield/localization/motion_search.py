@@ -22,8 +22,10 @@ from trackfield.localization.motion_starts import start_states
 from trackfield.types import Matrix, Vector
 
 _RELATIVE = 0.2  # error of a reading in the first search, as a share of it
+_REACH = 5.0  # in halves of the diagonal of the sensors' box, where it is not told
 _GAIN = 12.0  # nats by which an end of the first search may be worse than the best
-_FIRST, _LAST = 40, 300  # iterations
+_FIRST, _THEN, _LAST = 40, 40, 120  # iterations of the first search, of all and of the best ends
+_ENDS = 4  # so many times the finalists are let into the second search
 _PARTED = 3e-3  # of extent and speed: ends of the first search nearer to each other are one
 _MARGIN = 1.2  # by which an end of the first search may be farther out than targets are looked for
 _THINNED = 64  # readings that the first search takes of a window, if not more for its sensors
@@ -34,7 +36,7 @@ _FEW = 8  # the same for each sensor
 class MotionSearch:
     """Where targets are looked for, and how hard.
 
-    `reach_m`: how far from the middle of the sensors, at the middle of the window; left out, 3
+    `reach_m`: how far from the middle of the sensors, at the middle of the window; left out, 5
     times the sensors' own distance from it. `max_speed_m_s`: no target is faster. The grid of
     places has `cells` a side (in space half as many), each tried with 2 `headings` beside the
     velocities solved for; the `finalists` best ends are refined.
@@ -44,7 +46,7 @@ class MotionSearch:
     max_speed_m_s: float = math.inf
     cells: int = 14
     headings: int = 4
-    finalists: int = 60
+    finalists: int = 40
 
 
 class Found(NamedTuple):
@@ -71,7 +73,7 @@ def extent(given: MotionReadings, search: MotionSearch) -> Extent:
     """Where the sensors are, and how far from their middle targets are looked for."""
     low, high = given.sensors.min(axis=0), given.sensors.max(axis=0)
     half = 0.5 * float(np.linalg.norm(high - low))
-    reach = 3.0 * half if search.reach_m is None else search.reach_m
+    reach = _REACH * half if search.reach_m is None else search.reach_m
     return Extent(0.5 * (low + high), half, reach)
 
 
@@ -83,7 +85,7 @@ def maxima(given: MotionReadings, search: MotionSearch) -> Found:
     where = extent(given, search)
     thin = thinned(given)
     starts = start_states(thin, where.centre, where.half_m, reach_m=where.reach_m, search=search)
-    soft = thin._replace(sigma=np.hypot(thin.sigma, _relative(thin)))
+    soft = thin._replace(sigma=np.hypot(thin.sigma, _RELATIVE * _size(thin)))
     if np.ptp(given.t_s) > 0.0:
         # a window tells bad starts from good ones by their cost; a moment's readings hardly do
         order = np.argsort(_motion.costs(*arrays(soft), starts)[:, 0], kind="stable")
@@ -91,8 +93,12 @@ def maxima(given: MotionReadings, search: MotionSearch) -> Found:
     first = _descend(soft, starts, where, iterations=_FIRST)
     if given.reversible:
         first = first._replace(state=forward(first.state))
-    ends = _apart(first, where, most=search.finalists)
-    return _sorted(_descend(given, ends, where, iterations=_LAST))
+    ends = _apart(first, where, most=_ENDS * search.finalists)
+    then = _descend(given, ends, where, iterations=_THEN)
+    # few of those that are still far up come down to where it matters
+    left = np.argsort(then.cost, kind="stable")[: search.finalists]
+    last = _descend(given, then.state[left], where, iterations=_LAST)
+    return _sorted(last)
 
 
 def refine(given: MotionReadings, starts: Matrix, *, search: MotionSearch) -> Found:
@@ -155,9 +161,9 @@ def _averaged(given: MotionReadings, block: NDArray[np.intp]) -> MotionReadings:
     )
 
 
-def _relative(given: MotionReadings) -> Vector:
-    """How wrong a reading may be in the first search: a share of it, of a bearing of a radian."""
-    return _RELATIVE * np.where(given.kind == BEARING, 0.5, np.abs(given.value))
+def _size(given: MotionReadings) -> Vector:
+    """Size of each reading, of a bearing half a radian."""
+    return np.where(given.kind == BEARING, 0.5, np.abs(given.value))
 
 
 def _descend(given: MotionReadings, starts: Matrix, where: Extent, *, iterations: int) -> Found:
