@@ -10,7 +10,7 @@ import pytest
 
 import trackfield
 from pages import DOCS, ROOT
-from trackfield.io import commands, energy, measurements, reports, tracks, truth
+from trackfield.io import commands, energy, measurements, reports, rooms, tracks, truth
 from trackfield.network.kinds import KINDS
 from trackfield.network.site_schema import SENSOR, site_schema
 from trackfield.scheduling.accuracy import AccuracyMap
@@ -111,7 +111,7 @@ def test_every_key_of_the_site_is_documented_with_its_default(table: str) -> Non
 
 def test_every_column_of_a_file_is_documented() -> None:
     documented = {cells[0] for cells in rows((REFERENCE / "files.md").read_text(encoding="utf-8"))}
-    columns = {*SENSOR.model_fields, *energy.COLUMNS}
+    columns = {*SENSOR.model_fields, *energy.COLUMNS, *rooms.COLUMNS}
     for module in (commands, measurements, reports, truth, tracks):
         columns |= {*module.SCHEMA.required, *module.SCHEMA.optional}
     columns |= {*AccuracyMap._fields}
