@@ -43,6 +43,15 @@ All of this is printed and drawn by `trackfield reproduce pham -o FOLDER`. Where
 side by side, the first one is the paper's.
 
 """,
+    "berger": """\
+# Berger, Choi, Zhou, Willett: results
+
+<!-- Written by `make papers`. -->
+
+All of this is printed and drawn by `trackfield reproduce berger -o FOLDER`. Lengths are in kilometres,
+as in the paper; SNR is that at 1 km.
+
+""",
 }
 
 
