@@ -220,6 +220,21 @@ def test_few_samples_are_told_to_be_few(m):
     assert found.gain == found.gain_of_change == 0.0
 
 
+@given(seeds, st.sampled_from(["none", "rayleigh"]), st.floats(0.3, 6.0))
+def test_whatever_the_numbers_what_comes_back_is_finite(seed, fading, exponent):
+    rng = np.random.default_rng(seed)
+    t_s = rng.normal(0.0, 1e6) + np.cumsum(rng.uniform(0.01, 1.0, 20) ** rng.uniform(0.2, 4.0))
+    sigma, top = 10 ** rng.uniform(-9, 6), 10 ** rng.uniform(-2, 8)
+    values = sigma * 10 ** rng.uniform(-3, 9) * rng.standard_normal(20) * (rng.random(20) < 0.7)
+    values = np.minimum(np.abs(values) if fading == "rayleigh" else values, sigma * top)
+    found = fit(AmplitudeModel(exponent, sigma, fading, sigma * top), t_s, values)
+    for part in (found.profile.array(), found.information, *found[2:5]):
+        assert np.isfinite(part).all()
+    length = t_s[-1] - t_s[0]
+    assert t_s[0] - 0.11 * length < found.profile.t_max_s < t_s[-1] + 0.11 * length
+    assert 0.0 < found.profile.width_s < 1.6 * length
+
+
 def test_negative_amplitudes_are_noise_without_fading_only():
     assert fit(PLAIN, T, np.full(25, -0.1)).quality == Quality.EMPTY
     with pytest.raises(InputError, match="0 or more"):
