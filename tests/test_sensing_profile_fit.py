@@ -103,6 +103,14 @@ def test_at_the_fit_the_score_is_zero_and_the_numbers_are_those_of_the_profile(m
     np.testing.assert_allclose(found.gain_of_change, np.min(constant, axis=0) - cost, atol=0.02)
 
 
+@pytest.mark.parametrize(("model", "steps"), [(PLAIN, 3.7), (FADING, 6.5)])
+def test_the_search_ends_in_a_few_steps_as_newtons_does(model, steps):
+    model, rng = replace(model, sigma=0.03), np.random.default_rng(14)
+    found = fit(model, T, drawn(model, some(rng, 500), T, rng), starts="paper")
+    assert found.iterations.mean() < steps
+    assert found.iterations.min() >= 1
+
+
 @pytest.mark.parametrize("model", [PLAIN, FADING])
 def test_the_papers_start_alone_is_never_better_and_worse_on_some_weak_records(model):
     rng = np.random.default_rng(13)

@@ -8,7 +8,7 @@
 
 namespace trackfield::profiles {
 
-constexpr int kIterations = 100;
+constexpr int kIterations = 300;
 constexpr double kDone = 1e-9;   // promised gain [nats] at which a fit ends
 constexpr double kLeast = 1e-3;  // least amplitude, in sigmas: at zero all profiles are one
 constexpr double kMost = 100.0;  // largest amplitude, in largest samples

@@ -73,7 +73,8 @@ class ProfileFit(NamedTuple):
 
     `log_likelihood` (...) is that of the profile, `gain` (...) by how much it exceeds that of
     nothing at all, `gain_of_change` (...) that of the best constant amplitude. `quality` (...)
-    holds `Quality`; whatever it is, all numbers are finite.
+    holds `Quality`; whatever it is, all numbers are finite. `iterations` (...) counts steps of the
+    search.
     """
 
     profile: Profile
@@ -82,6 +83,7 @@ class ProfileFit(NamedTuple):
     gain: Vector
     gain_of_change: Vector
     quality: Indices
+    iterations: Indices
 
 
 def fit(
@@ -122,7 +124,7 @@ def fit(
 
 def _judged(models: AmplitudeModels, t_s: Matrix, values: Matrix, found: Matrix) -> ProfileFit:
     """Say what the rows (..., 8) of the search are worth."""
-    a, t_max, width, cost, nothing, constant, _, converged = np.moveaxis(found, -1, 0)
+    a, t_max, width, cost, nothing, constant, steps, converged = np.moveaxis(found, -1, 0)
     profile = Profile(a, t_max, width)
     mean = expected(profile, t_s, exponent=models.exponent)
     own, m = for_samples(models), values.shape[-1]
@@ -144,7 +146,8 @@ def _judged(models: AmplitudeModels, t_s: Matrix, values: Matrix, found: Matrix)
         cost = misfit(own, values, mean=mean).cost.sum(axis=-1)
         nothing = constant = cost
     J = information(profile, t_s, models)
-    return ProfileFit(profile, J, -cost, nothing - cost, constant - cost, quality.astype(np.int32))
+    gains = -cost, nothing - cost, constant - cost
+    return ProfileFit(profile, J, *gains, quality.astype(np.int32), steps.astype(np.int32))
 
 
 def _level(models: AmplitudeModels, values: Matrix) -> Matrix:
