@@ -5,8 +5,14 @@ import pytest
 
 import cli_runs
 import trackfield
+from conftest import ROOT
 from score_runs import make_tracks, make_truth
 from trackfield.errors import ConfigurationError, InputError
+from trackfield.simulation.hearing import all_of, hear_readings
+from trackfield.simulation.scenario_file import load_scenario
+from trackfield.simulation.told_site import site_of
+from trackfield.simulation.world import make_world
+from trackfield.types import select_rows
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +113,25 @@ def test_tracks_without_names_have_the_score_of_many():
     assert found.clear_mot.mota == 1.0
     with pytest.raises(InputError, match="share no target"):
         trackfield.score(truth, tracks, many=False)
+
+
+def test_readings_that_know_no_distance_are_tracked_in_the_same_way():
+    """A file, its readings and their columns give the same rows; chunks of them too."""
+    world = make_world(load_scenario(ROOT / "examples" / "scenarios" / "rates.toml"))
+    readings, _ = all_of(hear_readings(world))
+    site = site_of(world)
+    whole = trackfield.track(site, readings)
+    assert len(whole) > 50
+    chunks = [select_rows(readings, slice(a, a + 100)) for a in range(0, len(readings), 100)]
+    for data in (readings.to_numpy(), chunks):
+        np.testing.assert_array_equal(trackfield.track(site, data).position, whole.position)
+    lagged = trackfield.track(site, readings, lag_s=1.0)
+    assert lagged.covariance[20:80, 0].mean() < whole.covariance[20:80, 0].mean()
+
+
+def test_messages_of_passes_are_tracked_too():
+    world = make_world(load_scenario(ROOT / "examples" / "scenarios" / "messages.toml"), seed=2)
+    readings, _ = all_of(hear_readings(world))
+    tracks = trackfield.track(site_of(world), readings, lag_s=30.0, every_s=1.0)
+    found = trackfield.score(world.truth, tracks, many=False)
+    assert found.rmse_m < 1.5

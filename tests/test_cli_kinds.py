@@ -80,6 +80,8 @@ def test_kinds_of_one_family_are_tracked_in_one_run(call, tmp_path):
     assert kinds == {"bearing", "angular_rate", "motion"}
     assert call("track", folder / "site.toml", data, "-o", tracks).code == 0
     assert len(read_tracks(tracks)) > 20
+    score = call("score", folder / "truth.csv", tracks, "--json").json
+    assert score["rmse_m"] < 0.5
 
 
 def test_lags_thinning_methods_and_pictures_work(call, tmp_path):
@@ -252,3 +254,43 @@ def test_bearings_are_not_calibrated(call, tmp_path):
     done = call("calibrate", site, data, tmp_path / "truth.csv", "-o", tmp_path / "out.toml")
     assert done.code == 2
     assert "found sensors of kind 'bearing', expected ranges, signals, detections or" in done.err
+
+
+ROOMS = """
+[[rooms]]
+id = "west"
+polygon = [[0, 0], [5, 0], [5, 8], [0, 8]]
+[[rooms]]
+id = "east"
+polygon = [[5, 0], [10, 0], [10, 8], [5, 8]]
+"""
+
+
+def test_rooms_are_told_of_whoever_is_tracked(call, tmp_path):
+    site, data = write(tmp_path, "bearing", bearings())
+    site.write_text(site.read_text() + ROOMS)
+    tracks, rooms = tmp_path / "tracks.csv", tmp_path / "rooms.csv"
+    done = call("track", site, data, "-o", tracks, "--rooms", rooms, "--json")
+    assert (done.code, done.err) == (0, "")
+    assert (done.json["rooms"], done.json["room_changes"]) == (str(rooms), 1)
+    header, *rows = rooms.read_text().splitlines()
+    assert header == "t_s,track_id,target_id,room,p"
+    assert len(rows) == done.json["shown"]
+    told = [row.split(",")[3] for row in rows]
+    assert told == ["west"] * told.count("west") + ["east"] * told.count("east")
+    crossed = float(rows[told.count("west")].split(",")[0])
+    assert 6.0 <= crossed < 9.0  # the cart crosses after 6 s: it is told when it is sure
+    text = call("track", site, data, "-o", tracks, "--rooms", rooms).out
+    assert f"{rooms}: {len(rows)} rows, 1 changes of rooms" in text
+
+
+def test_rooms_that_cannot_be_told_are_refused_before_the_work(call, tmp_path):
+    site, data = write(tmp_path, "bearing", bearings())
+    tracks = tmp_path / "tracks.csv"
+    done = call("track", site, data, "-o", tracks, "--rooms", tmp_path / "rooms.csv")
+    assert (done.code, "found no rooms in site yard" in done.err) == (2, True)
+    site.write_text(site.read_text() + ROOMS)
+    for path, words in ((tracks, "where tracks are written"), (data, "found an input")):
+        done = call("track", site, data, "-o", tracks, "--rooms", path)
+        assert (done.code, words in done.err) == (2, True)
+    assert not tracks.exists()

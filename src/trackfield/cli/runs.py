@@ -21,13 +21,15 @@ class Lag(NamedTuple):
 class Wanted(NamedTuple):
     """What rows are wanted: how late, how far apart, and whether they are kept for a picture.
 
-    What they let the scheduler tell sensor nodes goes to `commands`.
+    What they let the scheduler tell sensor nodes goes to `commands`, which rooms targets are in to
+    `rooms`.
     """
 
     lag: Lag = Lag()
     every_s: float = 0.0
     keep: bool = False
     commands: Path | None = None
+    rooms: Path | None = None
 
 
 class Outcome(NamedTuple):

@@ -69,6 +69,13 @@ def track(
             help="Write what the site's scheduler tells sensor nodes: CSV, NDJSON, Parquet.",
         ),
     ] = None,
+    rooms: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write which of the site's rooms targets are in: CSV, NDJSON, Parquet.",
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of methods in which there is chance.")
     ] = 0,
@@ -85,7 +92,7 @@ def track(
         raise ConfigurationError([_NO_PLOT])
     known = read_truth(truth) if truth is not None else None
     keep = plot is not None or animate is not None
-    wanted = Wanted(parse_lag(lag), every, keep=keep, commands=commands)
+    wanted = Wanted(parse_lag(lag), every, keep=keep, commands=commands, rooms=rooms)
     check_outputs(output, wanted, plot, animate, inputs=(site, data, truth, loaded.sensors_file))
     way = way_of_file(loaded, data, seed)
     with progress("tracking") as moved:
@@ -124,8 +131,8 @@ def check_outputs(
     inputs: tuple[Path | None, ...],
 ) -> None:
     """Refuse, before the work, files that could not be written after it."""
-    commands = wanted.commands
-    for path in (output, plot, animate, commands):
+    commands, rooms = wanted.commands, wanted.rooms
+    for path in (output, plot, animate, commands, rooms):
         if path is not None:
             check_output(path, inputs)
     if plot is not None:
@@ -134,8 +141,9 @@ def check_outputs(
         check_animation(animate)
     if commands is not None and wanted.lag != Lag():
         raise ConfigurationError([_NO_LAG])
-    if commands is not None and commands.resolve() == output.resolve():
-        raise ConfigurationError([f"--commands: found {commands}, where tracks are written"])
+    for name, path in (("--commands", commands), ("--rooms", rooms)):
+        if path is not None and path.resolve() == output.resolve():
+            raise ConfigurationError([f"{name}: found {path}, where tracks are written"])
 
 
 def play(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:

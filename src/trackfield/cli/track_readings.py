@@ -122,8 +122,8 @@ def run_tracker(
     if passes is not None:
         numbers |= trajectories.numbers(passes)
         told += trajectories.told(passes)
-    numbers |= sink.orders.numbers
-    return Outcome(numbers, [*told, *sink.orders.told], warnings, sink.kept)
+    numbers |= sink.numbers
+    return Outcome(numbers, [*told, *sink.told], warnings, sink.kept)
 
 
 def _told(tracker: ReadingsTracker) -> list[str]:

@@ -1,14 +1,15 @@
-"""Rows of a run on their way to what was asked for: a file, orders to nodes, a picture."""
+"""Rows of a run on their way to what was asked for: files, orders to nodes, a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trackfield.cli.runs import Wanted
 from trackfield.cli.track_commands import Orders, orders_into
+from trackfield.cli.track_rooms import RoomSink, rooms_into
 
 if TYPE_CHECKING:
     from trackfield.network.site import Site
@@ -18,8 +19,10 @@ if TYPE_CHECKING:
 class RowSink:
     """Takes rows as they are settled; counts them, and those that are shown."""
 
-    def __init__(self, write: Callable[[Tracks], None], orders: Orders, *, keep: bool) -> None:
-        self.orders = orders
+    def __init__(
+        self, write: Callable[[Tracks], None], orders: Orders, *, rooms: RoomSink, keep: bool
+    ) -> None:
+        self._orders, self._rooms = orders, rooms
         self.rows = self.shown = 0
         self.kept: list[Tracks] = []
         self._write, self._keep = write, keep
@@ -31,9 +34,20 @@ class RowSink:
         self.rows += len(tracks)
         self.shown += int(shown(tracks).sum())
         self._write(tracks)
-        self.orders.take(tracks)
+        self._orders.take(tracks)
+        self._rooms.take(tracks)
         if self._keep:
             self.kept.append(tracks)
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What orders and rooms came to, for `--json`."""
+        return {**self._orders.numbers, **self._rooms.numbers}
+
+    @property
+    def told(self) -> list[str]:
+        """The same in words."""
+        return [*self._orders.told, *self._rooms.told]
 
 
 @contextmanager
@@ -44,5 +58,6 @@ def rows_into(output: Path, site: Site, wanted: Wanted) -> Generator[RowSink]:
     with (
         open_tracks(output, origin=site.origin) as write,
         orders_into(wanted.commands, site) as orders,
+        rooms_into(wanted.rooms, site) as rooms,
     ):
-        yield RowSink(write, orders, keep=wanted.keep)
+        yield RowSink(write, orders, rooms=rooms, keep=wanted.keep)

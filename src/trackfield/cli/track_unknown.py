@@ -117,8 +117,8 @@ def run_tracker(
         what: counts,
         "learned": dict(tracker.learned),
     }
-    told += sink.orders.told
-    return Outcome({**numbers, **sink.orders.numbers}, told, warnings, sink.kept)
+    told += sink.told
+    return Outcome({**numbers, **sink.numbers}, told, warnings, sink.kept)
 
 
 def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
