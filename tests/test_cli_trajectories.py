@@ -5,7 +5,6 @@ import pytest
 
 import cli_runs
 from conftest import ROOT
-from trackfield.io.measurements import read_readings
 from trackfield.io.tracks import read_tracks
 from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.sensing.energy_message_making import simulate
@@ -100,15 +99,21 @@ def test_hindsight_tells_the_whole_pass(call, made, tmp_path):
     assert (done.code, "expected a lag in seconds" in done.err) == (2, True)
 
 
-def test_two_sources_are_told_apart(call, tmp_path):
-    scenario = (SCENARIOS / "messages.toml").read_text()
-    party = scenario[scenario.index("[[targets]]") : scenario.index("[network]")]
-    other = party.replace("[-50, -4]", "[-48, 7]").replace("heading_deg = 6", "heading_deg = -14")
-    lines = scenario.replace("[network]\np_loss = 0.05\np_delay = 0.2\n", "")
-    (tmp_path / "two.toml").write_text(lines.replace("[[targets]]", other + "[[targets]]"))
-    assert call("simulate", tmp_path / "two.toml", "-o", tmp_path / "two").code == 0
-    words = read_readings(tmp_path / "two" / "measurements.csv")
-    assert len(words) == 7  # one message a sensor, of the louder pass where both are heard
+def test_one_after_the_other_both_are_told(call, tmp_path):
+    """A pass that is over when the run ends is not forgotten; levels are those of the sources."""
+    scenario = (SCENARIOS / "energy.toml").read_text().replace("= 60.0", "= 140.0")
+    party = scenario[scenario.index("[[targets]]") :]
+    other = party.replace("[-50, -4]", "[50, 3]").replace("= 6\n", "= 185\nlevel = 2.0\n")
+    other = other.replace("count = 1", "count = 1\nenter_s = [70, 75]")
+    (tmp_path / "two.toml").write_text(scenario + other)
+    folder = tmp_path / "two"
+    assert call("simulate", tmp_path / "two.toml", "-o", folder, "--seed", 3).code == 0
+    site, data = folder / "site.toml", folder / "measurements.csv"
+    done = call("track", site, data, "-o", tmp_path / "t.csv", "--json")
+    one, two = done.json["trajectories"]
+    assert (one["velocity"][0], two["velocity"][0]) == pytest.approx((1.69, -1.69), abs=0.1)
+    assert (one["power"], two["power"]) == pytest.approx((1.0, 4.0), rel=0.15)
+    assert done.json["readings"]["started"] == 2
 
 
 def test_an_ambiguity_is_told_and_not_hidden(call, tmp_path):

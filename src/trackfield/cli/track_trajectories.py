@@ -16,12 +16,12 @@ _LISTED = 8  # sensors, at most, that a line names
 
 def numbers(tracker: TrajectoryTracker) -> dict[str, Any]:
     """Give the trajectories as plain objects, for `--json`."""
-    return {"trajectories": [one.to_dict() for one in tracker.trajectories]}
+    return {"trajectories": [one.to_dict() for one in _every(tracker)]}
 
 
 def told(tracker: TrajectoryTracker) -> list[str]:
     """Say of each trajectory who passed, where and how fast, with a standard deviation each."""
-    return [line for one in tracker.trajectories for line in _lines(one)]
+    return [line for one in _every(tracker) for line in _lines(one)]
 
 
 def doubts(tracker: TrajectoryTracker) -> list[str]:
@@ -36,6 +36,11 @@ def doubts(tracker: TrajectoryTracker) -> list[str]:
     ]
     lost = tracker.counts["unexplained"]
     return said + ([f"{lost} messages fit no trajectory"] if lost else [])
+
+
+def _every(tracker: TrajectoryTracker) -> list[Trajectory]:
+    """Trajectories of the run, those that are over and the last ones, in order of their tracks."""
+    return sorted([*tracker.ended, *tracker.trajectories], key=lambda one: one.track)
 
 
 def _lines(one: Trajectory) -> list[str]:

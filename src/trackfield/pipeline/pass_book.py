@@ -26,6 +26,7 @@ from trackfield.types import Status
 
 MOST_MESSAGES = 300  # that are remembered; the oldest are forgotten
 MOST_SAMPLES = 8192  # of one sensor that are remembered
+MOST_OVER = 100  # passes that are over and still told
 _SLACK_S = 1e-6
 _ANOTHER = 100.0  # deviance of a message that is of another pass of the same target
 _CLEAR = 12.0  # deviance of a message that may join a pass without another look at all
@@ -56,6 +57,7 @@ class PassBook:
     named: bool
     messages: dict[Key, SensorMessage] = field(default_factory=dict[Key, SensorMessage])
     live: list[LivePass] = field(default_factory=list[LivePass])
+    over: list[LivePass] = field(default_factory=list[LivePass])  # the last that ended
     ears: dict[int, Ears] = field(default_factory=dict[int, Ears])
     tracks: int = 0  # numbers given
     started: int = 0
@@ -210,6 +212,7 @@ class PassBook:
         rows = one.at(now_s, Status.ENDED) if one.confirmed else []
         self.live.remove(one)
         self.ended += bool(one.tracks)
+        self.over = [*self.over, one][-MOST_OVER:] if one.confirmed else self.over
         for key in one.keys & self.messages.keys():
             del self.messages[key]
         return rows
@@ -222,6 +225,7 @@ class PassBook:
                 for key, m in self.messages.items()
             ],
             "live": [one.plain() for one in self.live],
+            "over": [one.plain() for one in self.over],
             "ears": [[number, ears.t_s, ears.value] for number, ears in self.ears.items()],
             "numbers": [self.tracks, self.started, self.ended, self.now_s],
         }
@@ -234,6 +238,7 @@ class PassBook:
                 sensor, x_m, y_m, model, Profile(*profile), first_s, step_s, samples
             )
         self.live = [live_pass(one) for one in plain["live"]]
+        self.over = [live_pass(one) for one in plain["over"]]
         for number, t_s, value in plain["ears"]:
             self.ears[number] = sensors[number]._replace(t_s=t_s, value=value)
         self.tracks, self.started, self.ended, self.now_s = plain["numbers"]

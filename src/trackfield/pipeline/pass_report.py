@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from trackfield.pipeline.pass_book import PassBook
+from trackfield.pipeline.live_passes import LivePass
 from trackfield.types import Matrix, Vector
 
 
@@ -40,14 +40,14 @@ class Trajectory(NamedTuple):
 
 
 def trajectories_of(
-    book: PassBook,
+    passes: Iterable[LivePass],
     target_id: str | None,
     *,
     tracks: Callable[[int], int],
     sensor_ids: tuple[str, ...],
 ) -> Iterator[Trajectory]:
-    """Tell the trajectories of a book; `tracks` numbers its tracks as the rows do."""
-    for one in book.live:
+    """Tell the trajectories of passes of one name; `tracks` numbers their tracks as the rows do."""
+    for one in passes:
         belief = one.belief
         sensors = tuple(sensor_ids[number] for number in sorted({key[0] for key in one.keys}))
         for track, mode in zip(one.tracks, belief.modes, strict=True):

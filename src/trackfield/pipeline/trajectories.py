@@ -6,7 +6,7 @@ import heapq
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple
 from typing import Any, cast
 
@@ -18,7 +18,7 @@ from trackfield.network.kinds import kind_of
 from trackfield.network.site import Site
 from trackfield.pipeline.intake import Rows, in_order, refuse, require_finite, site_sensors
 from trackfield.pipeline.lags import require_lags
-from trackfield.pipeline.live_passes import Key, PassRow
+from trackfield.pipeline.live_passes import Key, LivePass, PassRow
 from trackfield.pipeline.pass_book import PassBook
 from trackfield.pipeline.pass_intake import alike, decoded, ears, fades, pass_rules
 from trackfield.pipeline.pass_records import PassRecord, Said
@@ -94,18 +94,12 @@ class TrajectoryTracker:
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
         """What is believed now, best trajectories first within a pass."""
-        return tuple(
-            one
-            for target, (name, book) in enumerate(
-                zip(self._numbering.targets, self._books, strict=True)
-            )
-            for one in trajectories_of(
-                book,
-                name or None,
-                tracks=lambda track, target=target: self._numbering.track(target, track),
-                sensor_ids=self._site.sensor_ids,
-            )
-        )
+        return self._trajectories([book.live for book in self._books])
+
+    @property
+    def ended(self) -> tuple[Trajectory, ...]:
+        """The last hundred of each name that were confirmed and are over, as they were believed."""
+        return self._trajectories([book.over for book in self._books])
 
     def process(self, readings: Readings, *, watermark_s: float | None = None) -> Tracks:
         """Take readings, in order of arrival; return the rows that are settled now.
@@ -181,6 +175,19 @@ class TrajectoryTracker:
         self._newest_s, self._settled_s = state["times"]
         self._counts = Counter[str](state["counts"])
         self._spoken = set(state["spoken"])
+
+    def _trajectories(self, passes: Sequence[Sequence[LivePass]]) -> tuple[Trajectory, ...]:
+        """Tell the trajectories of passes of each name."""
+        return tuple(
+            one
+            for target, (name, own) in enumerate(zip(self._numbering.targets, passes, strict=True))
+            for one in trajectories_of(
+                own,
+                name or None,
+                tracks=lambda track, target=target: self._numbering.track(target, track),
+                sensor_ids=self._site.sensor_ids,
+            )
+        )
 
     def _digest(self) -> bytes:
         """Fingerprint of all that the states were made from."""
