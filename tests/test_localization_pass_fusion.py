@@ -198,6 +198,23 @@ def test_a_target_through_two_sensors_is_not_called_good():
     np.testing.assert_allclose(found.theta[0], PASS, atol=0.02)
 
 
+@pytest.mark.parametrize("saturation", [np.inf, 1.5])
+def test_clipped_amplitudes_lead_to_the_same_trajectory(saturation):
+    rng, nees = np.random.default_rng(9), []
+    model = AmplitudeModel(sigma=QUIET.sigma, saturation=saturation)
+    mean = profiles.expected(predict(PASS, LAYOUT[:8]), TIMES)
+    for _ in range(40):
+        samples = np.minimum(mean + model.sigma * rng.standard_normal(mean.shape), saturation)
+        told = messages(8, model=model)._replace(
+            profiles=fit(model, TIMES, samples).profile.array()
+        )
+        found = fuse(told)
+        assert found.verdict == PassVerdict.GOOD
+        off = found.theta[0] - PASS
+        nees.append(off @ np.linalg.solve(found.covariance[0], off) / 5)
+    assert 0.7 < np.mean(nees) < 1.4
+
+
 def test_one_message_that_lies_is_noticed():
     exact = messages(6)
     exact.profiles[2, 1] += 5.0

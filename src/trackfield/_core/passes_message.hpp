@@ -44,10 +44,10 @@ class Message {
     double sigma, clock;    // its noise; standard deviation of its clock's error
     bool heard;             // false: "nothing there", a message like any other
 
-    // `psi` is a_max, t_max, width; `record` first time, step, count, sigma, clock, fading; `fisher` null or (3, 3) of psi.
+    // `psi` is a_max, t_max, width; `record` first time, step, count, sigma, clock, fading, saturation; `fisher` null or (3, 3) of psi.
     Message(double x, double y, const double *psi, const double *record, const double *fisher, double alpha)
         : x(x), y(y), a(psi[0]), t(psi[1]), width(psi[2]), sigma(record[3]), clock(record[4]), heard(a > 0.0 && width > 0.0),
-          printed_(fisher != nullptr), fading_(record[5] != 0.0), count_(printed_ ? 0 : size_t(record[2])), times_(count_), told_(count_) {
+          printed_(fisher != nullptr), fading_(record[5] != 0.0) {
         if (printed_) {
             std::copy(fisher, fisher + 9, &fisher_[0][0]);
             loudness_ = fisher[0] * a * a;
@@ -55,8 +55,7 @@ class Message {
         }
         // narrower than any two samples can tell: the same flanks
         if (const double narrow = 0.01 * record[1]; heard && width < narrow) a *= std::pow(width / narrow, alpha), width = narrow;
-        for (size_t i = 0; i < count_; ++i) times_[i] = record[0] + record[1] * double(i);
-        tell(alpha);
+        lay(record, alpha);
         loudness_ = 2.0 * half({1e300, 0.0, 0.0}, alpha);
     }
 
@@ -210,17 +209,21 @@ class Message {
         return e;
     }
 
-    void tell(double alpha) {
+    // The told profile over its record, without the samples that stood at the saturation: they say little.
+    void lay(const double *record, double alpha) {
         const double c = steepness(alpha);
-        for (size_t i = 0; i < count_; ++i) {
-            const double z = heard ? (times_[i] - t) / width : 0.0, b = heard ? a * amplitude(1.0 + c * z * z, alpha) : 0.0;
-            told_[i] = fading_ ? sigma * sigma + b * b : b;
+        times_.reserve(size_t(record[2])), told_.reserve(size_t(record[2]));
+        for (size_t i = 0; i < size_t(record[2]); ++i) {
+            const double s = record[0] + record[1] * double(i), z = heard ? (s - t) / width : 0.0;
+            const double b = heard ? a * amplitude(1.0 + c * z * z, alpha) : 0.0;
+            if (b < record[6]) times_.push_back(s), told_.push_back(fading_ ? sigma * sigma + b * b : b);
         }
+        count_ = times_.size();
     }
 
     bool printed_, fading_;
     double fisher_[3][3] = {};
-    size_t count_;
+    size_t count_ = 0;
     std::vector<double> times_, told_;  // told amplitudes, or powers sigma^2 + a^2 with fading
     double loudness_ = 0.0;
 };

@@ -164,11 +164,13 @@ def _fused(
 
 
 def _table(messages: PassMessages) -> Matrix:
-    """List records for the kernel, (n, 6): first time, step, count, sigma, clock, fading."""
-    table = np.empty((len(messages.models), 6))
+    """List records for the kernel, (n, 7): first time, step, count, and what the models say."""
+    table = np.empty((len(messages.models), 7))
     first, table[:, 1], table[:, 2] = messages.records
     table[:, 0] = first - messages.start_s
-    table[:, 3:] = [(m.sigma, m.clock_sigma_s, m.fading == "rayleigh") for m in messages.models]
+    table[:, 3:] = [
+        (m.sigma, m.clock_sigma_s, m.fading == "rayleigh", m.saturation) for m in messages.models
+    ]
     return table
 
 
