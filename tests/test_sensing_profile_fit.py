@@ -269,7 +269,7 @@ def test_what_is_no_record_is_refused(t_s, values, word):
 def test_models_and_limits_without_sense_are_refused():
     with pytest.raises(InputError, match="sigma"):
         fit(replace(PLAIN, sigma=0.0), T, np.ones(25))
-    for wrong in (FitLimits(margin=-1.0), FitLimits(narrowest=0.0), FitLimits(widest=1e-3)):
+    for wrong in (FitLimits(margin=-1.0), FitLimits(narrowest=0.0), FitLimits(widest=1e-4)):
         with pytest.raises(InputError, match="limits"):
             fit(PLAIN, T, np.ones(25), limits=wrong)
 

@@ -58,7 +58,7 @@ class Grid {
         const double span = limits.latest - limits.earliest;
         const double step = n > 1 ? (times[n - 1] - times[0]) / double(bins.t.size()) : limits.narrowest;
         const double ratio = rayleigh ? kFadingRatio : kRatio, spacing = rayleigh ? kFadingSpacing : kSpacing;
-        for (double width = std::max(0.5 * step, limits.narrowest); width <= limits.widest; width *= ratio) {
+        for (double width = std::clamp(0.5 * step, limits.narrowest, limits.widest); width <= limits.widest; width *= ratio) {
             const double apart = std::max(spacing * width, 0.5 * step);
             const int count = std::max(3, 1 + int(span / apart));
             for (int k = 0; k < count; ++k) add(shape, limits.earliest + span * (k + 0.5) / count, width);

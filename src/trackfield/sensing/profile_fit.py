@@ -61,7 +61,7 @@ class FitLimits(NamedTuple):
     """
 
     margin: float = 0.1
-    narrowest: float = 0.25
+    narrowest: float = 0.02  # a pass nearer than the way between two samples has such a width
     widest: float = 1.5
 
 
