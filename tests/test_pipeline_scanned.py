@@ -224,6 +224,16 @@ def test_memory_does_not_grow_with_the_run():
     assert most <= 2.0 / 0.125 + 3
 
 
+def test_few_states_are_kept_to_go_back_to():
+    """However many scans a window holds; and going back to one of them changes nothing."""
+    tracker = ScanTracker(SITE, PlainFilter())
+    rows = plain_run(np.random.default_rng(8), np.arange(0.0, 6.0, 0.015625))
+    tracker.process(plain_table(SITE, rows))
+    history = tracker._streams[0].history
+    assert len(history) > 60
+    assert sum(moment.life is not None for moment in history) <= 10
+
+
 def test_arrival_orders_a_table():
     rng = np.random.default_rng(6)
     rows = plain_run(rng, np.arange(0.0, 5.0, 0.25))

@@ -18,9 +18,9 @@ _Plain = list[Any]
 def pack_stream(stream: ScanStream[State], model: ScanFilter[State]) -> bytes:
     """Write a stream; `unpack_into` makes one of it that goes on bit by bit."""
     lives = [stream.life, *(moment.life for moment in stream.history)]
-    states = [model.pack(life.state) for life in lives]
+    states = [b"" if life is None else model.pack(life.state) for life in lives]
     head = {
-        "lives": [life[1:] for life in lives],  # numbers of JSON come back exactly
+        "lives": [life and life[1:] for life in lives],  # numbers of JSON come back exactly
         "moments": [
             [moment.t_s, _plain_said(moment.said), moment.due] for moment in stream.history
         ],
@@ -38,9 +38,10 @@ def unpack_into(stream: ScanStream[State], data: bytes, model: ScanFilter[State]
     try:
         (size,) = struct.unpack_from("<I", data)
         head = cast("Mapping[str, Any]", json.loads(data[4 : 4 + size]))
-        at, lives = 4 + size, list[StreamLife[State]]()
+        at, lives = 4 + size, list[StreamLife[State] | None]()
         for plain, length in zip(head["lives"], head["sizes"], strict=True):
-            lives.append(StreamLife(model.unpack(data[at : at + length]), *plain))
+            state = data[at : at + length]
+            lives.append(None if plain is None else StreamLife(model.unpack(state), *plain))
             at += length
         if at != len(data):
             raise StateError("found a snapshot that is longer or shorter than its contents")
@@ -53,6 +54,8 @@ def unpack_into(stream: ScanStream[State], data: bytes, model: ScanFilter[State]
         stream.counts = Counter(head["counts"])
     except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise StateError(f"found damaged scans in a snapshot: {error}") from error
+    if lives[0] is None or history[0].life is None:
+        raise StateError("found a history without a state to begin with")
     stream.life, stream.history = lives[0], history
 
 

@@ -10,10 +10,12 @@ from typing import Generic, NamedTuple
 
 import numpy as np
 
+from trackfield.errors import StateError
 from trackfield.filtering.scans import Scan, ScanFilter, Shown, State
 from trackfield.types import Status
 
 _SLACK_S = 1e-9
+_KEPT = 8  # states of a window that are kept to go back to
 
 
 class StreamRules(NamedTuple):
@@ -50,11 +52,14 @@ class StreamLife(NamedTuple, Generic[State]):
 
 
 class StreamMoment(NamedTuple, Generic[State]):
-    """A scan, by sensor, and what is believed after it; `due` rows still wait for their lag."""
+    """A scan, by sensor, and what is believed after it, if that is kept.
+
+    `due` rows wait for their lag.
+    """
 
     t_s: float
     said: Mapping[int, Said]
-    life: StreamLife[State]
+    life: StreamLife[State] | None = None
     due: bool = False
 
 
@@ -68,8 +73,8 @@ class ToldRow(NamedTuple):
 class ScanStream(Generic[State]):
     """The scans of one target: closed, put in order, replayed when a reading comes late.
 
-    States are immutable values: those of the window are kept, and a late reading goes back to the
-    one before it. Rows once told are not revised.
+    States are immutable values: some of those of the window are kept, and a late reading goes back
+    to one before it. With a lag all are kept as long as a row waits. Rows told are not revised.
     """
 
     def __init__(self, model: ScanFilter[State], rules: StreamRules) -> None:
@@ -124,7 +129,7 @@ class ScanStream(Generic[State]):
         place = bisect_left(self.history, t_s, key=_time)
         there = self.history[place] if place < len(self.history) else None
         if there is None or there.t_s != t_s:
-            self.history.insert(place, StreamMoment(t_s, {sensor: said}, self.life))
+            self.history.insert(place, StreamMoment(t_s, {sensor: said}))
         elif sensor in there.said:
             self.counts["duplicate"] += 1
             return
@@ -137,7 +142,7 @@ class ScanStream(Generic[State]):
         rows = self._replay() if self.dirty_s < math.inf else []
         if not self.open:
             return rows
-        self.history.append(StreamMoment(self.open_s, self.open, self.life))
+        self.history.append(StreamMoment(self.open_s, self.open))
         self.open = {}
         rows += self._apply(len(self.history) - 1)
         self._forget()
@@ -146,10 +151,17 @@ class ScanStream(Generic[State]):
     def _replay(self) -> list[ToldRow]:
         """Go back to before the earliest late reading, and take all scans since then again."""
         self.counts["rewound"] += 1
-        first = bisect_left(self.history, self.dirty_s, key=_time)
+        place, self.life = self._kept(bisect_left(self.history, self.dirty_s, key=_time))
         self.dirty_s = math.inf
-        self.life = self.history[first - 1].life
-        return [row for place in range(first, len(self.history)) for row in self._apply(place)]
+        return [row for i in range(place + 1, len(self.history)) for row in self._apply(i)]
+
+    def _kept(self, end: int) -> tuple[int, StreamLife[State]]:
+        """Find the last moment before `end` whose state is kept: the first of all always is."""
+        for place in range(end - 1, -1, -1):
+            life = self.history[place].life
+            if life is not None:
+                return place, life
+        raise StateError("found a history without a state to begin with")
 
     def _apply(self, place: int) -> list[ToldRow]:
         """Condition on the scan at a place of the history; all before it have been."""
@@ -172,7 +184,11 @@ class ScanStream(Generic[State]):
             ended=self.life.ended + (self.life.on and not alive),
             row_s=t_s if due else self.life.row_s,
         )
-        self.history[place] = StreamMoment(t_s, said, self.life, due and self._rules.lags)
+        gap_s = t_s - self._kept(place)[1].t_s
+        keep = self._rules.lags or gap_s >= self._rules.window_s / _KEPT
+        self.history[place] = StreamMoment(
+            t_s, said, self.life if keep else None, due and self._rules.lags
+        )
         if self._rules.lags:
             return rows + self._flush(place + 1)
         return rows + (self._tell(shown) if due and shown is not None else [])
@@ -214,11 +230,12 @@ class ScanStream(Generic[State]):
         first = bisect_right(self.history, self.told_s, key=_time) if self._rules.lags else end
         for place in range(first, end):
             moment = self.history[place]
-            if not moment.due:
+            if not moment.due or moment.life is None:
                 continue
             if not (every or self._ripe(place, end - 1)):
                 break
-            found = self._filter.hindsight([one.life.state for one in self.history[place:end]])
+            known = [one.life.state for one in self.history[place:end] if one.life is not None]
+            found = self._filter.hindsight(known)
             if found is not None:
                 rows += self._tell(found, moment.life.tracks)
             self.told_s = max(self.told_s, moment.t_s)
@@ -240,7 +257,8 @@ class ScanStream(Generic[State]):
 
     def _forget(self) -> None:
         """Keep one state from before the window, and those of rows that wait for their lag."""
-        before = bisect_left(self.history, self.life.t_s - self._rules.window_s, key=_time) - 1
+        window_s = self._rules.window_s
+        before, _ = self._kept(bisect_left(self.history, self.life.t_s - window_s, key=_time))
         untold = bisect_right(self.history, self.told_s, key=_time)
         waits = (i for i in range(untold, before) if self.history[i].due)
         del self.history[: next(waits, before)]
