@@ -20,6 +20,12 @@ from trackfield.localization.pass_fusion import (
 from trackfield.localization.pass_messages import common_records, fishers
 from trackfield.sensing import profile as profiles
 from trackfield.sensing.amplitude import AmplitudeModel
+from trackfield.sensing.energy_message import (
+    EnergyMessageModel,
+    amplitude_model,
+    decode,
+    encode,
+)
 from trackfield.sensing.pass_profile import predict
 from trackfield.sensing.profile_fit import fit
 
@@ -213,6 +219,66 @@ def test_clipped_amplitudes_lead_to_the_same_trajectory(saturation):
         off = found.theta[0] - PASS
         nees.append(off @ np.linalg.solve(found.covariance[0], off) / 5)
     assert 0.7 < np.mean(nees) < 1.4
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_rounding_is_a_covariance_of_the_told_samples(exponent):
+    """Against the dense Gaussian sigma^2 I + G A G', sensor by sensor, by SciPy."""
+    model = AmplitudeModel(exponent=exponent, sigma=QUIET.sigma)
+    noisy = drawn(np.random.default_rng(10), n=6, model=model)
+    A = np.diag([0.02, 0.3, 0.2]) ** 2 + 1e-4
+    rounded = noisy._replace(rounding=np.tile(A, (6, 1, 1)))
+    psi = profiles.profile_of(noisy.profiles)
+    G = profiles.gradient(psi, TIMES, exponent=exponent)
+    dense = model.sigma**2 * np.eye(25) + G @ A @ np.swapaxes(G, 1, 2)
+    half = np.swapaxes(np.linalg.cholesky(np.linalg.inv(dense)), 1, 2)
+    told = profiles.expected(psi, TIMES, exponent=exponent)
+
+    def whitened(theta):
+        laid = profiles.expected(
+            predict(theta, LAYOUT[:6], exponent=exponent), TIMES, exponent=exponent
+        )
+        return (half @ (laid - told)[..., None]).ravel()
+
+    oracle = least_squares(whitened, PASS, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-14)
+    found = fuse(rounded)
+    np.testing.assert_allclose(found.theta[0], oracle.x, rtol=1e-3, atol=1e-4)
+    assert found.deviance[0].sum() == pytest.approx(2.0 * oracle.cost, rel=1e-5)
+    np.testing.assert_allclose(
+        found.covariance[0], np.linalg.inv(oracle.jac.T @ oracle.jac), rtol=2e-2, atol=1e-6
+    )
+
+
+def test_coarse_code_words_are_believed_as_far_as_they_deserve():
+    rng, nees = np.random.default_rng(11), []
+    coarse = EnergyMessageModel(sigma=0.01, sample_s=1.0, record_s=24.0, bits=7)
+    model = amplitude_model(coarse)
+    for _ in range(40):
+        theta = PASS * (1.0 + 0.05 * rng.standard_normal(5))
+        exact = drawn(rng, n=6, theta=theta, model=model)
+        words = encode(coarse, profiles.profile_of(exact.profiles), end_s=24.0)
+        decoded = decode(coarse, words, end_s=24.0)
+        told = exact._replace(profiles=decoded.profile.array(), rounding=decoded.covariance)
+        found = fuse(told)
+        assert found.verdict == PassVerdict.GOOD
+        off = found.theta[0] - theta
+        nees.append(off @ np.linalg.solve(found.covariance[0], off) / 5)
+        assert fuse(told._replace(rounding=None)).verdict == PassVerdict.CONTRADICTORY
+    assert 0.7 < np.mean(nees) < 1.4
+
+
+def test_rounding_counts_in_paper_mode_and_with_an_unknown_exponent():
+    noisy = drawn(np.random.default_rng(12), n=6)
+    rounded = noisy._replace(rounding=np.tile(np.diag([0.1, 1.0, 1.0]) ** 2, (6, 1, 1)))
+    J, fewer = fishers(noisy), fishers(rounded)
+    np.testing.assert_allclose(
+        np.linalg.inv(fewer) - np.linalg.inv(J), rounded.rounding, rtol=1e-6, atol=1e-6
+    )
+    free = PassSettings(exponent_sigma=0.3)
+    wide, narrow = fuse(rounded, settings=free), fuse(noisy, settings=free)
+    assert (np.diag(wide.covariance[0]) > np.diag(narrow.covariance[0])).all()
+    with pytest.raises(InputError, match="rounding"):
+        fuse(noisy._replace(rounding=np.zeros((5, 3, 3))))
 
 
 def test_one_message_that_lies_is_noticed():

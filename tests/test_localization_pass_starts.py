@@ -178,5 +178,10 @@ def test_a_target_at_rest_has_no_message_bound_and_one_sensor_no_bound():
 def test_the_kernel_refuses_arrays_that_do_not_go_together():
     with pytest.raises(ValueError, match="expected"):
         _passes.modes(
-            LAYOUT[:3], np.zeros((2, 3)), np.zeros((3, 7)), np.zeros((0, 3, 3)), 1.0, 0.0, 4, 6
+            LAYOUT[:3],
+            np.zeros((2, 3)),
+            np.zeros((3, 7)),
+            np.zeros((0, 3, 3)),
+            np.zeros((0, 3, 3)),
+            *(1.0, 0.0, 4, 6),
         )

@@ -5,6 +5,7 @@ def modes(
     numbers: Matrix,
     records: Matrix,
     fishers: Matrix,
+    roundings: Matrix,
     exponent: float,
     exponent_sigma: float,
     pairs_of: int,

@@ -39,16 +39,19 @@ static Scale scale(const InTable &sensors, const InTable &numbers, const InTable
     return of;
 }
 
-// `records` (n, 7): first time, step, count, sigma, clock, fading, saturation; `fishers` (n, 3, 3) as printed, or (0, 3, 3).
+// `records` (n, 7): first time, step, count, sigma, clock, fading, saturation; `fishers` (n, 3, 3) as printed, or (0, 3, 3);
+// `roundings` (n, 3, 3), covariances of the numbers as coded, or (0, 3, 3).
 // Modes: states (m, 6), covariances (m, 6, 6), (m, 4) of half deviance, weight, converged, whether all is fixed; half deviance of each message
 // under each mode (m, n) and clock errors (m, n); the deviance of no target (n,); the time at which the places are.
-static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InStack fishers, double exponent, double exponent_sigma, int pairs_of, int searched) {
+static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InStack fishers, InStack roundings, double exponent, double exponent_sigma, int pairs_of, int searched) {
     const size_t n = sensors.shape(0);
     if (n == 0 || sensors.shape(1) != 2 || numbers.shape(0) != n || numbers.shape(1) != 3 || records.shape(0) != n || records.shape(1) != 7)
         throw nb::value_error("sensors (n, 2), numbers (n, 3), records (n, 7) expected, n > 0");
     const Scale unit = scale(sensors, numbers, records);
     const bool printed = fishers.shape(0) > 0;
     if (printed && (fishers.shape(0) != n || fishers.shape(1) != 3 || fishers.shape(2) != 3)) throw nb::value_error("fishers (n, 3, 3) expected");
+    const bool rounded = roundings.shape(0) > 0;
+    if (rounded && (roundings.shape(0) != n || roundings.shape(1) != 3 || roundings.shape(2) != 3)) throw nb::value_error("roundings (n, 3, 3) expected");
     Pass pass;
     pass.alpha = exponent;
     if (exponent_sigma > 0.0) pass.n = STATES, pass.alpha_weight = 1.0 / (exponent_sigma * exponent_sigma);
@@ -57,9 +60,10 @@ static nb::tuple modes_of(InTable sensors, InTable numbers, InTable records, InS
         const double psi[3] = {numbers(k, 0), (numbers(k, 1) - unit.time) / unit.span, numbers(k, 2) / unit.span};
         const double record[7] = {(records(k, 0) - unit.time) / unit.span, records(k, 1) / unit.span, records(k, 2), records(k, 3), records(k, 4) / unit.span, records(k, 5), records(k, 6)};
         const double per[3] = {1.0, unit.span, unit.span};
-        double fisher[9];
+        double fisher[9], rounding[9];
         for (int i = 0; printed && i < 9; ++i) fisher[i] = fishers.data()[9 * k + i] * per[i / 3] * per[i % 3];
-        pass.messages.emplace_back((sensors(k, 0) - unit.x) / unit.length, (sensors(k, 1) - unit.y) / unit.length, psi, record, printed ? fisher : nullptr, exponent);
+        for (int i = 0; rounded && i < 9; ++i) rounding[i] = roundings.data()[9 * k + i] / (per[i / 3] * per[i % 3]);
+        pass.messages.emplace_back((sensors(k, 0) - unit.x) / unit.length, (sensors(k, 1) - unit.y) / unit.length, psi, record, printed ? fisher : nullptr, rounded ? rounding : nullptr, exponent);
         pass.clocks |= records(k, 4) > 0.0;
     }
     Search search;

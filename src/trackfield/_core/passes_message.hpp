@@ -9,6 +9,7 @@
 // (18), it is a Gaussian about the message with the Fisher matrix told.
 #pragma once
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -44,8 +45,9 @@ class Message {
     double sigma, clock;    // its noise; standard deviation of its clock's error
     bool heard;             // false: "nothing there", a message like any other
 
-    // `psi` is a_max, t_max, width; `record` first time, step, count, sigma, clock, fading, saturation; `fisher` null or (3, 3) of psi.
-    Message(double x, double y, const double *psi, const double *record, const double *fisher, double alpha)
+    // `psi` is a_max, t_max, width; `record` first time, step, count, sigma, clock, fading, saturation; `fisher`
+    // null or (3, 3) of psi; `rounding` null or the covariance (3, 3) of what rounding did to psi.
+    Message(double x, double y, const double *psi, const double *record, const double *fisher, const double *rounding, double alpha)
         : x(x), y(y), a(psi[0]), t(psi[1]), width(psi[2]), sigma(record[3]), clock(record[4]), heard(a > 0.0 && width > 0.0),
           printed_(fisher != nullptr), fading_(record[5] != 0.0) {
         if (printed_) {
@@ -56,6 +58,7 @@ class Message {
         // narrower than any two samples can tell: the same flanks
         if (const double narrow = 0.01 * record[1]; heard && width < narrow) a *= std::pow(width / narrow, alpha), width = narrow;
         lay(record, alpha);
+        if (rounding != nullptr && heard && !fading_) blur(rounding, alpha);
         loudness_ = 2.0 * half({1e300, 0.0, 0.0}, alpha);
     }
 
@@ -79,6 +82,7 @@ class Message {
             }
             return sum;
         }
+        if (blurred_) return summed<false, false>(q, alpha).half;
         if (alpha == 1.0) return 0.5 * lanes(q) / (sigma * sigma);
         for (size_t i = 0; i < n; ++i) {
             const double r = told_[i] - amplitude(q.at(times_[i]), alpha);
@@ -92,7 +96,7 @@ class Message {
         if (printed_) return as_printed(q, alpha, free);
         if (free) return fading_ ? summed<true, true>(q, alpha) : summed<false, true>(q, alpha);
         if (fading_) return summed<true, false>(q, alpha);
-        return alpha == 1.0 ? in_free_space(q) : summed<false, false>(q, alpha);
+        return alpha == 1.0 && !blurred_ ? in_free_space(q) : summed<false, false>(q, alpha);
     }
 
    private:
@@ -117,7 +121,7 @@ class Message {
     template <bool Fading, bool Free>
     Evidence summed(const Quadratic &q, double alpha) const {
         Evidence e;
-        double moment[5] = {};
+        double moment[5] = {}, u[3] = {}, M[3][4] = {};  // of a blurred message: its slopes times residuals, times ours
         const double noise = sigma * sigma, c = steepness(alpha);
         const double dc = -2.0 * std::numbers::ln2 / (alpha * alpha) * (c + 1.0);
         for (size_t i = 0; i < count_; ++i) {
@@ -141,13 +145,21 @@ class Message {
             }
             const double d = -0.5 * alpha * a_i / w * lift;
             add(e, moment, s, push * d, grip * d * d);
+            if (!Fading && blurred_)
+                for (int j = 0; j < 3; ++j) {
+                    const double gd = slopes_[i][j] * d;
+                    u[j] += slopes_[i][j] * (told - a_i);
+                    M[j][0] += gd, M[j][1] += gd * s, M[j][2] += gd * s * s;
+                    if (Free) M[j][3] += slopes_[i][j] * (-0.5 * a_i * std::log(w) - told_slope);
+                }
             if (Free) {
                 const double b = -0.5 * a_i * std::log(w) * lift - told_slope, db = grip * d * b;
                 e.g[3] += push * b, e.F[3][3] += grip * b * b;
                 e.F[0][3] += db, e.F[1][3] += db * s, e.F[2][3] += db * s * s;
             }
         }
-        return filled(e, moment, 1.0);
+        filled(e, moment, 1.0);
+        return !Fading && blurred_ ? forgiven(e, u, M, Free ? 4 : 3) : e;
     }
 
     // The case that counts: alpha 1, no fading.
@@ -174,6 +186,49 @@ class Message {
         const double s2 = s * s;
         e.g[0] += dg, e.g[1] += dg * s, e.g[2] += dg * s2;
         moment[0] += df, moment[1] += df * s, moment[2] += df * s2, moment[3] += df * s2 * s, moment[4] += df * s2 * s2;
+    }
+
+    // Woodbury: the residuals' covariance is sigma^2 I + G A G', with A that of rounding and G the told profile's slopes.
+    Evidence forgiven(Evidence e, const double *u, const double (*M)[4], int n) const {
+        const double weight = 1.0 / (sigma * sigma);
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                const double k = weight * forgiving_[i][j];
+                e.half -= 0.5 * k * u[i] * u[j];
+                for (int a = 0; a < n; ++a) {
+                    e.g[a] += k * u[i] * M[j][a];
+                    for (int b = 0; b < n; ++b) e.F[a][b] -= k * M[i][a] * M[j][b];
+                }
+            }
+        return e;
+    }
+
+    // (sigma^2 A^-1 + G' G)^-1 = A (sigma^2 I + G' G A)^-1, which wants no inverse of A.
+    void blur(const double *rounding, double alpha) {
+        const double c = steepness(alpha);
+        double GG[3][3] = {}, R[3][3] = {};
+        slopes_.resize(count_);
+        for (size_t i = 0; i < count_; ++i) {
+            const double z = (times_[i] - t) / width, p = 1.0 + c * z * z, per = alpha * c * told_[i] * z / (p * width);
+            slopes_[i] = {told_[i] / a, per, per * z};
+            for (int j = 0; j < 3; ++j)
+                for (int k = 0; k < 3; ++k) GG[j][k] += slopes_[i][j] * slopes_[i][k];
+        }
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j) {
+                R[i][j] = i == j ? sigma * sigma : 0.0;
+                for (int k = 0; k < 3; ++k) R[i][j] += GG[i][k] * rounding[3 * k + j];
+            }
+        const auto minor = [&](int i, int j) {
+            const int a = (i + 1) % 3, b = (i + 2) % 3, d = (j + 1) % 3, f = (j + 2) % 3;
+            return R[a][d] * R[b][f] - R[a][f] * R[b][d];
+        };
+        const double det = R[0][0] * minor(0, 0) + R[0][1] * minor(0, 1) + R[0][2] * minor(0, 2);
+        if (!(det > 0.0)) return;
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j)
+                for (int k = 0; k < 3; ++k) forgiving_[i][j] += rounding[3 * i + k] * minor(j, k) / det;
+        blurred_ = true;
     }
 
     static Evidence filled(Evidence &e, const double *moment, double weight) {
@@ -221,8 +276,9 @@ class Message {
         count_ = times_.size();
     }
 
-    bool printed_, fading_;
-    double fisher_[3][3] = {};
+    bool printed_, fading_, blurred_ = false;
+    double fisher_[3][3] = {}, forgiving_[3][3] = {};
+    std::vector<std::array<double, 3>> slopes_;  // of the told profile, where that is blurred
     size_t count_ = 0;
     std::vector<double> times_, told_;  // told amplitudes, or powers sigma^2 + a^2 with fading
     double loudness_ = 0.0;

@@ -138,8 +138,10 @@ def _fused(
         return _nothing(n, size)
     profiles = np.array(messages.profiles, float)
     profiles[:, 1] -= messages.start_s
+    sensors = np.ascontiguousarray(messages.sensors, float)
+    rounding = _NONE if messages.rounding is None else np.ascontiguousarray(messages.rounding)
     states, within, merit, half, late, silence, time_s = _passes.modes(
-        np.ascontiguousarray(messages.sensors, float), profiles, _table(messages), fishers,
+        sensors, profiles, _table(messages), fishers, rounding,
         messages.models[0].exponent, exponent_sigma, *search,
     )  # fmt: skip
     if not len(states):

@@ -29,7 +29,8 @@ class PassMessages(NamedTuple):
     `sensors` (n, 2) [m]; `profiles` (n, 3) holds a_max, t_max [s], width [s] (see `Profile`); an
     amplitude of 0 says that nothing was heard, which is worth something too. `models` are the
     sensors' own, which must agree in the exponent. `start_s` is the time at which a trajectory's
-    position is told. Units are whatever is consistent.
+    position is told. `rounding` (n, 3, 3) is the covariance of what coding did to the numbers, of
+    which a fading sensor is told enough by its noise. Units are whatever is consistent.
     """
 
     sensors: Matrix
@@ -37,6 +38,7 @@ class PassMessages(NamedTuple):
     profiles: Matrix
     records: PassRecords
     start_s: float = 0.0
+    rounding: Matrix | None = None
 
 
 def common_records(n: int, t_s: Vector) -> PassRecords:
@@ -52,7 +54,7 @@ def common_records(n: int, t_s: Vector) -> PassRecords:
 def fishers(messages: PassMessages) -> Matrix:
     """Fisher matrices (n, 3, 3) of the messages at what they say, Berger (16), (42).
 
-    Zero for a message that heard nothing.
+    With rounding (J^-1 + A)^-1. Zero for a message that heard nothing.
     """
     checked(messages)
     out = np.zeros((len(messages.profiles), 3, 3))
@@ -61,7 +63,9 @@ def fishers(messages: PassMessages) -> Matrix:
         if psi[0] > 0.0 and psi[2] > 0.0:
             t_s: Vector = first + step * np.arange(int(count), dtype=float)
             out[k] = information(Profile(*psi), t_s, model)
-    return out
+    if messages.rounding is None:
+        return out
+    return out @ np.linalg.inv(np.eye(3) + messages.rounding @ out)
 
 
 def checked(messages: PassMessages) -> None:
@@ -80,6 +84,9 @@ def checked(messages: PassMessages) -> None:
             raise InputError(f"{name} {k}: found {part[k].tolist()}, expected numbers below 1e9")
     if (messages.profiles[:, ::2] < 0.0).any():
         raise InputError("messages: found a negative amplitude or width, expected 0 or more")
+    rounding = messages.rounding
+    if rounding is not None and (rounding.shape != (n, 3, 3) or not np.isfinite(rounding).all()):
+        raise InputError(f"rounding of shape {rounding.shape}: expected ({n}, 3, 3), finite")
     first, step, samples = messages.records
     if not ((np.abs(first) < np.inf) & (step > 0.0) & (step < np.inf) & (samples >= 1.0)).all():
         raise InputError("records: expected finite first times, steps > 0 and at least one sample")
