@@ -39,7 +39,7 @@ def records(rng: np.random.Generator, model: AmplitudeModel, runs: int) -> Matri
 
 def by_scipy(model: AmplitudeModel, values: Matrix) -> Vector:
     """Negative log-likelihood (runs,) at which SciPy ends."""
-    low, high = np.array([1e-4, -2.4, 0.25]), np.array([200.0, 26.4, 36.0])
+    low, high = np.array([1e-4, -2.4, 0.02]), np.array([200.0, 26.4, 36.0])
     starts = np.clip(coarse(T, values).array(), low, high)
     costs = np.empty(len(values))
     for i, (z, start) in enumerate(zip(values, starts, strict=True)):

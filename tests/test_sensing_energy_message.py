@@ -37,7 +37,7 @@ def some(rng, *shape):
     return Profile(
         MODEL.sigma * np.exp(rng.uniform(math.log(0.1), math.log(1e5), shape)),
         END + MODEL.record_s * rng.uniform(-1.1, 0.1, shape),
-        np.exp(rng.uniform(math.log(0.125), math.log(36.0), shape)),
+        np.exp(rng.uniform(math.log(0.01), math.log(36.0), shape)),
     )
 
 
@@ -54,7 +54,7 @@ def test_what_comes_back_is_off_by_half_a_step_at_most(seed, bits):
     off = np.abs(np.log(told.profile.a_max / at.a_max)) / (math.log(1e6) / (top - 1))
     assert off.max() < 0.5 + 1e-9
     assert (np.abs(told.profile.t_max_s - at.t_max_s) / (1.2 * 24.0 / top)).max() < 0.5 + 1e-6
-    step = math.log(36.0 / 0.125) / top
+    step = math.log(36.0 / 0.01) / top
     assert (np.abs(np.log(told.profile.width_s / at.width_s)) / step).max() < 0.5 + 1e-9
     assert told.seen.all()
 
@@ -99,7 +99,7 @@ def test_beyond_the_ends_stands_the_end_and_it_is_told():
     assert told.at_limit.tolist() == [True] * 6 + [False]
     np.testing.assert_allclose(told.profile.a_max[:2], [0.01, 1e4])
     np.testing.assert_allclose(told.profile.t_max_s[2:4], END + np.array([-26.4, 2.4]))
-    np.testing.assert_allclose(told.profile.width_s[4:6], [0.125, 36.0])
+    np.testing.assert_allclose(told.profile.width_s[4:6], [0.01, 36.0])
 
 
 def test_nothing_seen_has_a_word_of_its_own():

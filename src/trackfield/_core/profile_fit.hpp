@@ -11,7 +11,7 @@ namespace trackfield::profiles {
 constexpr int kIterations = 300;
 constexpr double kDone = 1e-9;   // promised gain [nats] at which a fit ends
 constexpr double kLeast = 1e-3;  // least amplitude, in sigmas: at zero all profiles are one
-constexpr double kMost = 100.0;  // largest amplitude, in largest samples
+constexpr double kMost = 1000.0;  // largest amplitude, in largest samples
 constexpr double kStride = 1.0;  // longest step, in log amplitude, log width and in widths
 constexpr double kAlike = 0.7;    // a start within so many widths, and e-folds of width, of a fit leads to it
 constexpr double kHope = 4.0;     // so much less likely than a fit a start may be [nats], and

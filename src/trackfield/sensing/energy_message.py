@@ -20,7 +20,7 @@ MOST_BITS = 17  # of a number: three of them are whole numbers that a double hol
 NOTHING = 0  # the word of a sensor that heard nothing
 WEAKEST, STRONGEST = 0.1, 1e5  # ends of the amplitude's codes [sigmas]
 EARLY, LATE = 1.1, 0.1  # ends of the time's codes: before and after the record's end [records]
-NARROWEST, WIDEST = 0.25, 1.5  # ends of the width's codes: [times between samples], [records]
+NARROWEST, WIDEST = 0.02, 1.5  # ends of the width's codes: [times between samples], [records]
 
 
 @dataclass(frozen=True, slots=True)
