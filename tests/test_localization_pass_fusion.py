@@ -1,5 +1,7 @@
 """Fusion of energy messages: SciPy as oracle, symmetries, ambiguity told, honest covariances."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -123,6 +125,33 @@ def test_turning_moving_and_scaling_the_world_does_so_to_the_result(seed):
     P, x0, v = a.theta[0, 0], a.theta[0, 1:3], a.theta[0, 3:]
     other = [P * length**2, *(length * (turn @ x0 + shift)), *(length / time * (turn @ v))]
     np.testing.assert_allclose(b.theta[0], other, rtol=1e-3, atol=1e-3 * length)
+
+
+def test_times_since_1970_cost_no_digits():
+    late = 1.76e9
+    exact = messages(6)
+    then = exact._replace(
+        profiles=exact.profiles + np.array([0.0, late, 0.0]),
+        records=common_records(6, late + TIMES),
+        start_s=late,
+    )
+    np.testing.assert_allclose(fuse(then).theta[0], PASS, rtol=1e-5)
+    with pytest.raises(InputError, match="message 0"):
+        fuse(then._replace(start_s=0.0))
+
+
+def test_a_crowd_of_sensors_is_fused_in_bounded_time():
+    rng = np.random.default_rng(13)
+    sensors = rng.uniform(-2, 2, (300, 2))
+    mean = profiles.expected(predict(PASS, sensors), TIMES)
+    told = fit(NOISY, TIMES, mean + NOISY.sigma * rng.standard_normal(mean.shape)).profile
+    crowd = messages(sensors=sensors, model=NOISY)._replace(profiles=told.array())
+    before = time.process_time()
+    found = fuse(crowd, settings=PassSettings(starts="all"))
+    assert time.process_time() - before < 5.0
+    off = found.theta[0] - PASS
+    assert off @ np.linalg.solve(found.covariance[0], off) < 20.0
+    assert found.verdict == PassVerdict.GOOD
 
 
 def test_sensors_in_a_line_keep_the_mirror_image():

@@ -35,7 +35,7 @@ VAGUE = (
 DOUBT = 1e-6  # probability of a deviance as large as that of messages which contradict each other
 LOUD = 25.0  # deviance of no target from which on a message is about one; noise alone makes 10
 NOISE_GAIN = (12.0, 0.5)  # log-likelihood that noise alone does not gain, and more of it per sensor
-_EVERY = 1_000_000
+MOST_PAIRED = 64  # sensors of which all pairs are tried; time would grow with the cube
 _NONE = np.zeros((0, 3, 3))
 
 
@@ -65,8 +65,9 @@ class PassSettings:
     """How messages are fused.
 
     `starts`: "loudest" sets out from the lifted linear solution and the pairs of the four loudest
-    sensors, "all" from all pairs. The `searches` best starts are followed to the end. An
-    `exponent_sigma` above 0 makes the exponent an unknown with the prior N(model's, sigma^2).
+    sensors, "all" from all pairs (of the `MOST_PAIRED` loudest). The `searches` best starts are
+    followed to the end. An `exponent_sigma` above 0 makes the exponent an unknown with the prior
+    N(model's, sigma^2).
     """
 
     starts: Literal["loudest", "all"] = "loudest"
@@ -108,7 +109,7 @@ def fuse(messages: PassMessages, *, settings: PassSettings | None = None) -> Pas
     for messages that are none; for messages that say too little, see `Passes.verdict`.
     """
     chosen = PassSettings() if settings is None else settings
-    pairs_of = _EVERY if chosen.starts == "all" else 4
+    pairs_of = MOST_PAIRED if chosen.starts == "all" else 4
     return _fused(messages, _NONE, chosen.exponent_sigma, (pairs_of, chosen.searches))
 
 
@@ -123,7 +124,7 @@ def fuse_as_printed(
     J = np.ascontiguousarray(fishers, float)
     if J.shape != (len(messages.models), 3, 3) or not np.isfinite(J).all():
         raise InputError(f"fishers of shape {J.shape}: expected (n, 3, 3), one a message, finite")
-    return _fused(messages, J, exponent_sigma, (_EVERY, 1))
+    return _fused(messages, J, exponent_sigma, (MOST_PAIRED, 1))
 
 
 def _fused(

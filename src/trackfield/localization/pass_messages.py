@@ -12,7 +12,7 @@ from trackfield.sensing.profile import Profile, information
 from trackfield.types import Matrix, Vector
 
 MOST_SAMPLES = 1_000_000  # of all records together
-_LARGEST = 1e9  # times, widths, places beyond it are no use
+_LARGEST = 1e9  # places, amplitudes, widths, times from the start beyond it are no use
 
 
 class PassRecords(NamedTuple):
@@ -77,7 +77,8 @@ def checked(messages: PassMessages) -> None:
             f"messages of {n} models with sensors, profiles, records of shapes {shapes}: "
             f"expected ({n}, 2), ({n}, 3) and 3 x ({n},)"
         )
-    for name, part in (("sensor", messages.sensors), ("message", messages.profiles)):
+    from_start = messages.profiles - np.array([0.0, messages.start_s, 0.0])
+    for name, part in (("sensor", messages.sensors), ("message", from_start)):
         fine = np.abs(part) < _LARGEST
         if not fine.all():
             k = int(np.flatnonzero(~fine.all(axis=1))[0])
@@ -88,8 +89,11 @@ def checked(messages: PassMessages) -> None:
     if rounding is not None and (rounding.shape != (n, 3, 3) or not np.isfinite(rounding).all()):
         raise InputError(f"rounding of shape {rounding.shape}: expected ({n}, 3, 3), finite")
     first, step, samples = messages.records
-    if not ((np.abs(first) < np.inf) & (step > 0.0) & (step < np.inf) & (samples >= 1.0)).all():
-        raise InputError("records: expected finite first times, steps > 0 and at least one sample")
+    early = np.abs(first - messages.start_s) < _LARGEST
+    if not (early & (step > 0.0) & (step < np.inf) & (samples >= 1.0)).all():
+        raise InputError(
+            "records: expected first times near the start, steps > 0 and at least one sample"
+        )
     if n and not samples.sum() <= MOST_SAMPLES:
         raise InputError(f"records: found {samples.sum():g} samples, at most {MOST_SAMPLES}")
     exponents = {model.exponent for model in messages.models}
