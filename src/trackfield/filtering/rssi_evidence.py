@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from trackfield.sensing.rssi import RssiColumns
 from trackfield.types import Indices, Matrix, Vector
+
+_HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
+_FAINTEST = -300.0  # of a log density: below, numbers get slow, and then 0
+_LEAST = math.exp(2.0 * _FAINTEST)
 
 
 class Path(NamedTuple):
@@ -37,37 +42,23 @@ def hear(
     blocked N(-blocked_db, S + blocked_sigma_db^2) and outlying N(0, S + outlier_db^2), as in
     `rssi.log_density`; the shadow's posterior is moment-matched.
     """
-    var = path.shadow_var
+    var, outlier = path.shadow_var, models.p_outlier[receivers, None]
     e = off_db - path.shadow_db
     S = var + np.square(sigma_db)[:, None]
-    outlier = models.p_outlier[receivers, None]
-    shares = [np.maximum(1.0 - path.blocked - outlier, 0.0), path.blocked]
-    moves, spreads = (
-        [e, e + models.blocked_db[receivers, None]],
-        [
-            S,
-            S + np.square(models.blocked_sigma_db[receivers, None]),
-        ],
-    )
+    S_blocked = S + np.square(models.blocked_sigma_db[receivers, None])
+    clear = _part(np.maximum(1.0 - path.blocked - outlier, 0.0), e, S)
+    blocked = _part(path.blocked, e + models.blocked_db[receivers, None], S_blocked)
+    parts = [clear, blocked]
     if outlier.any():
-        shares.append(np.broadcast_to(outlier, e.shape))
-        moves.append(e)
-        spreads.append(S + np.square(models.outlier_db[receivers, None]))
-    densities = [
-        share * np.exp(-0.5 * d * d / v) / np.sqrt(v)
-        for share, d, v in zip(shares, moves, spreads, strict=True)
-    ]
-    total = np.maximum(sum(densities[1:], densities[0]), np.finfo(np.float64).tiny)
-    step, left = np.zeros_like(e), var.copy()
-    for density, d, v in zip(densities, moves, spreads, strict=True):
-        gain = var / v
-        own = gain * d
-        p = density / total
-        step += p * own
-        left += p * (own * own - gain * var)
-    left = np.maximum(left - step * step, 0.0)
-    log_likelihood = (np.log(total) - 0.5 * np.log(2.0 * np.pi)).sum(axis=0)
-    return Heard(Path(path.shadow_db + step, left, densities[1] / total), log_likelihood)
+        parts.append(_part(outlier, e, S + np.square(models.outlier_db[receivers, None])))
+    total = np.maximum(sum(part.density for part in parts), _LEAST)
+    # Of a part the shadow goes by var d / v, to var - var^2 / v.
+    pull = var / total
+    step = pull * sum(part.first for part in parts)
+    left = var + pull * var * sum(part.second for part in parts) - step * step
+    log_likelihood = np.log(total).sum(axis=0) - _HALF_LOG_TWO_PI * receivers.size
+    after = Path(path.shadow_db + step, np.maximum(left, 0.0), blocked.density / total)
+    return Heard(after, log_likelihood)
 
 
 def surprise(
@@ -91,3 +82,19 @@ def surprise(
     spread += p * (np.square(models.blocked_sigma_db[receivers]) + (1.0 - p) * np.square(down))
     spread += q * np.square(models.outlier_db[receivers])
     return float((np.square(mean + p * down) / spread).sum())
+
+
+class _Part(NamedTuple):
+    """One part of the mixture: share times density f, f d / v and f (d^2 / v - 1) / v, (m, N)."""
+
+    density: Matrix
+    first: Matrix
+    second: Matrix
+
+
+def _part(share: Matrix, d: Matrix, v: Matrix) -> _Part:
+    inverse = 1.0 / v
+    square = d * d * inverse
+    density = share * np.exp(np.maximum(-0.5 * square, _FAINTEST)) * np.sqrt(inverse)
+    weighed = density * inverse
+    return _Part(density, weighed * d, weighed * (square - 1.0))

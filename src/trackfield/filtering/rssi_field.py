@@ -31,13 +31,28 @@ class ShadowTable(NamedTuple):
     mean: NDArray[np.float32]  # (n, rows, columns) [dB]
     variance: NDArray[np.float32]  # (n, rows, columns) [dB^2], taken at the nearest corner
 
-    def cells(self, position: Matrix) -> tuple[Indices, Indices, Vector, Vector]:
-        """Row and column of the cell of each position (3, N), and where in it, 0 to 1."""
+    def shadow(self, receivers: Indices, position: Matrix) -> Matrix:
+        """Mean (m, N) [dB] of the shadow of `receivers` (m,) at positions (3, N)."""
+        place, u, v = self._cells(receivers, position)
+        flat, below = self.mean.ravel(), self.mean.shape[2]
+        low: Matrix = (1.0 - u) * flat[place] + u * flat[place + 1]
+        high: Matrix = (1.0 - u) * flat[place + below] + u * flat[place + below + 1]
+        return low + v * (high - low)
+
+    def unknown(self, receivers: Indices, position: Matrix) -> Matrix:
+        """Variance (m, N) [dB^2] of the shadow of `receivers` (m,) at positions (3, N)."""
+        place, u, v = self._cells(receivers, position)
+        nearest = place + self.mean.shape[2] * (v > 0.5) + (u > 0.5)
+        return self.variance.ravel()[nearest].astype(np.float64)
+
+    def _cells(self, receivers: Indices, position: Matrix) -> tuple[Indices, Vector, Vector]:
+        """Where the cell of each position is in the table (m, N), and where in it, 0 to 1 (N,)."""
         _, rows, columns = self.mean.shape
         x = np.clip((position[0] - self.corner[0]) / self.cell_m, 0.0, columns - 1.001)
         y = np.clip((position[1] - self.corner[1]) / self.cell_m, 0.0, rows - 1.001)
         column, row = x.astype(np.int32), y.astype(np.int32)
-        return row, column, x - column, y - row
+        place = receivers[:, None] * (rows * columns) + (row * columns + column)
+        return place, x - column, y - row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,19 +80,13 @@ class Field:
         law = models.power_dbm[receivers, None] - 5.0 * models.exponent[receivers, None] * decades
         if self.table is None:
             return law
-        row, column, u, v = self.table.cells(position)
-        mean, who = self.table.mean, receivers[:, None]
-        low = (1.0 - u) * mean[who, row, column] + u * mean[who, row, column + 1]
-        high = (1.0 - u) * mean[who, row + 1, column] + u * mean[who, row + 1, column + 1]
-        return law + (1.0 - v) * low + v * high
+        return law + self.table.shadow(receivers, position)
 
     def unknown(self, receivers: Indices, position: Matrix) -> Matrix:
         """Variance (m, N) or (m, 1) [dB^2] of the shadow that the survey leaves at `position`."""
         if self.table is None:
             return self.usual[receivers, None]
-        row, column, u, v = self.table.cells(position)
-        nearest = receivers[:, None], row + (v > 0.5), column + (u > 0.5)
-        return self.table.variance[nearest] + self.changed[receivers, None]
+        return self.table.unknown(receivers, position) + self.changed[receivers, None]
 
 
 def field(site: Site) -> Field:
