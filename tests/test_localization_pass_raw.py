@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from trackfield.errors import InputError
 from trackfield.localization.pass_raw import RawPass, fit, fits
+from trackfield.localization.pass_raw_starts import flipped_starts, spread_starts
 from trackfield.sensing.amplitude import AmplitudeModel
 
 FIELD = 1000.0 * np.array(
@@ -278,3 +279,34 @@ def test_bad_starts_are_refused(start, words):
     raw, _ = scene(np.random.default_rng(14), MODELS[0])
     with pytest.raises(InputError, match=words):
         fit(raw, np.array(start))
+
+
+def test_starts_all_over_find_the_maximum_without_any_help():
+    rng = np.random.default_rng(15)
+    for _ in range(4):
+        raw, truth = scene(rng, AmplitudeModel(sigma=0.1))
+        found = fits(raw, spread_starts(raw), within=12.0)
+        best = fit(raw, truth)
+        assert found[0].cost == pytest.approx(best.cost, rel=1e-9)
+        assert found[0].theta == pytest.approx(best.theta, rel=1e-3)
+        assert all(one.cost <= best.cost + 12.0 for one in found)
+        places = {tuple(np.round(one.theta / best.theta, 3)) for one in found}
+        assert len(places) == len(found)
+
+
+def test_the_other_side_of_a_sensor_sounds_the_same_there():
+    raw, truth = scene(np.random.default_rng(16), AmplitudeModel(sigma=0.1))
+    sides = flipped_starts(raw, truth[None])
+    assert sides.shape == (5, 5)
+    for k, side in enumerate(sides):
+        here, there = (means(one, FIELD[k], TIMES, 1.0) for one in (truth, side))
+        np.testing.assert_allclose(there, here, rtol=1e-9)
+        np.testing.assert_array_equal(side[3:], truth[3:])
+        assert np.linalg.norm(side[1:3] - truth[1:3]) > 1.0
+
+
+def test_starts_of_silence_are_finite():
+    raw, _ = scene(np.random.default_rng(17), AmplitudeModel(sigma=0.1))
+    starts = spread_starts(raw._replace(value=np.zeros(raw.t_s.size)))
+    assert np.isfinite(starts).all()
+    assert (starts[:, 0] > 0).all()

@@ -73,16 +73,33 @@ def fit(given: RawPass, start: Vector, *, free_exponent: bool = False) -> RawFit
     return fits(given, start, free_exponent=free_exponent)[0]
 
 
-def fits(given: RawPass, starts: Matrix, *, free_exponent: bool = False) -> tuple[RawFit, ...]:
-    """Run `fit` from `starts` (b, 5), best first; a mirror image may fit as well as the truth."""
+def fits(
+    given: RawPass,
+    starts: Matrix,
+    *,
+    free_exponent: bool = False,
+    within: float = math.inf,
+    iterations: int = ITERATIONS,
+) -> tuple[RawFit, ...]:
+    """Run `fit` from `starts` (b, 5), best first; a mirror image may fit as well as the truth.
+
+    Only ends whose cost is at most `within` above the best are told; each one once. A search ends
+    after `iterations`, converged or not.
+    """
     _check(given)
     samples = _sorted(given)
-    unknowns, clock_s, costs, information, iterations, converged = _trajectory.fit(
+    unknowns, clock_s, costs, information, steps, converged = _trajectory.fit(
         _unknowns(starts), samples.table, samples.bounds, samples.t_s, samples.value,
-        free_exponent, ITERATIONS, DONE,
+        free_exponent, iterations, DONE,
     )  # fmt: skip
     out: list[RawFit] = []
-    for i in np.argsort(costs.sum(axis=1), kind="stable"):
+    total = costs.sum(axis=1)
+    known: set[tuple[float, ...]] = set()
+    for i in np.argsort(total, kind="stable"):
+        place = tuple(float(f"{number:.5g}") for number in unknowns[i])
+        if total[i] > total.min() + within or (place in known and math.isfinite(within)):
+            continue
+        known.add(place)
         theta, covariance, determined = _told(unknowns[i], information[i], given)
         out.append(
             RawFit(
@@ -92,7 +109,7 @@ def fits(given: RawPass, starts: Matrix, *, free_exponent: bool = False) -> tupl
                 float(costs[i].sum()),
                 costs[i],
                 _misfit(samples, unknowns[i], clock_s[i]),
-                int(iterations[i]),
+                int(steps[i]),
                 bool(converged[i]),
                 determined and bool(np.isfinite(theta).all()),
             )

@@ -10,8 +10,21 @@ import numpy as np
 
 from trackfield.filtering.scans import Shown
 from trackfield.linalg import cholesky
-from trackfield.localization.pass_fusion import PASS_REASONS, SURE, Passes, PassVerdict, fuse
+from trackfield.localization.pass_fusion import (
+    PASS_REASONS,
+    SURE,
+    VAGUE,
+    Passes,
+    PassSettings,
+    PassVerdict,
+    fuse,
+)
 from trackfield.localization.pass_raw import RawFit, RawPass, fits
+from trackfield.localization.pass_raw_starts import (
+    flipped_starts,
+    possible_starts,
+    searched_starts,
+)
 from trackfield.localization.pass_stream import SensorMessage, together
 from trackfield.types import Matrix, Status, Vector
 
@@ -20,6 +33,10 @@ MOST_MISFIT = (
 )
 _LEAST_WEIGHT = 0.02  # of a trajectory that is worth a row
 _MOST_MODES = 4
+_FEW = 6  # messages of which all pairs are starts: mirror images are not to be missed
+_THOROUGH = PassSettings(starts="all", searches=24)
+_MOST_SEARCHED = 3000  # samples with which other trajectories are looked for all over
+_WITHIN = 12.0  # log-likelihood by which a trajectory may be worse than the best
 _SAME = 1.0  # squared distance of two ends of a search that are one
 
 
@@ -84,7 +101,8 @@ UNKNOWN = PassBelief(0.0, (), PassVerdict.NOTHING)
 def by_messages(messages: Sequence[SensorMessage]) -> PassBelief:
     """Fuse messages of one pass; positions are told at the middle of what they say."""
     start_s = float(np.median([float(m.profile.t_max_s) for m in messages]))
-    return belief_of(fuse(together(messages, start_s=start_s)), start_s)
+    settings = _THOROUGH if len(messages) <= _FEW else None
+    return belief_of(fuse(together(messages, start_s=start_s), settings=settings), start_s)
 
 
 def belief_of(passes: Passes, start_s: float) -> PassBelief:
@@ -107,8 +125,9 @@ def by_samples(belief: PassBelief, raw: RawPass) -> PassBelief:
     if not belief.modes or not raw.t_s.size:
         return belief
     doubted = belief._replace(verdict=max(belief.verdict, PassVerdict.CONTRADICTORY))
-    starts = np.array([mode.theta for mode in belief.modes])
-    ends = fits(raw._replace(start_s=belief.start_s), starts)
+    ends = _ends(raw._replace(start_s=belief.start_s), belief)
+    if not ends:
+        return doubted
     kept: list[RawFit] = []
     for end in ends:  # best first
         good = end.converged and end.determined and end.misfit < MOST_MISFIT
@@ -126,9 +145,27 @@ def by_samples(belief: PassBelief, raw: RawPass) -> PassBelief:
     ]
     modes.sort(key=lambda mode: -mode.weight)
     verdict = belief.verdict
-    if verdict in (PassVerdict.GOOD, PassVerdict.AMBIGUOUS):
+    if _vague(modes[0]):
+        verdict = max(verdict, PassVerdict.UNCERTAIN)
+    elif verdict in (PassVerdict.GOOD, PassVerdict.AMBIGUOUS):
         verdict = PassVerdict.GOOD if modes[0].weight >= SURE else PassVerdict.AMBIGUOUS
     return PassBelief(belief.start_s, tuple(modes), verdict, by_samples=True)
+
+
+def _ends(given: RawPass, belief: PassBelief) -> tuple[RawFit, ...]:
+    """Find maxima of the likelihood, best first, from what is believed.
+
+    Where there are few samples also from all over, and from the other side of each sensor.
+    """
+    starts = possible_starts(np.array([mode.theta for mode in belief.modes]))
+    if not len(starts):
+        return ()
+    if given.t_s.size > _MOST_SEARCHED:
+        return fits(given, starts, within=_WITHIN)
+    ends = fits(given, searched_starts(given, starts), within=_WITHIN)
+    found = possible_starts(np.array([end.theta for end in ends]))
+    sides = possible_starts(flipped_starts(given, found[:2]))
+    return fits(given, np.concatenate([found, sides]), within=_WITHIN) if len(found) else ()
 
 
 def packed(belief: PassBelief) -> list[Any]:
@@ -156,14 +193,25 @@ def _same(one: RawFit, other: RawFit) -> bool:
     return bool(ok) and float(white @ white) < _SAME
 
 
+def _vague(mode: PassMode) -> bool:
+    """Tell whether power or velocity are so uncertain that a covariance says little."""
+    speed = max(float(np.hypot(*mode.theta[3:5])), 1e-300)
+    v = mode.theta[3:5] / speed
+    along = np.array([v, [-v[1], v[0]]])
+    spread = np.asarray(np.diag(along @ mode.covariance[3:5, 3:5] @ along.T), float) / speed**2
+    power = mode.covariance[0, 0] / (2.0 * max(float(mode.theta[0]), 1e-300)) ** 2
+    return bool(max(float(np.max(spread)), float(power)) > VAGUE**2)
+
+
 def _log_weight(end: RawFit, sensors: Matrix) -> float:
     """Laplace's log weight of a trajectory, under the prior of `pass_fusion.fuse`."""
     unit = np.sqrt(np.diag(end.covariance))
     L = cholesky(end.covariance / np.outer(unit, unit)).value
     volume = float(np.sum(np.log(np.diag(L)))) + float(np.sum(np.log(unit)))
     volume -= math.log(float(end.theta[0]))  # of log power
-    middle = sensors.mean(axis=0)
-    square = max(float(np.mean(np.sum((sensors - middle) ** 2, axis=1))), 1e-300)
+    middle = np.asarray(sensors.mean(axis=0), float)
+    apart = np.linalg.norm(sensors - middle, axis=1)
+    square = max(float(apart @ apart) / apart.size, 1e-300)
     vx, vy = end.theta[3:5].tolist()
     speed = max(math.hypot(vx, vy), 1e-300)
     x, y = (end.theta[1:3] - middle).tolist()
