@@ -1,15 +1,25 @@
 """A step of the tracker of angles in NumPy, from the filters of the room: twin of the kernel."""
 
 import numpy as np
+from scipy.special import softmax
+from scipy.stats import norm
 
 from trackfield.filtering import angle_readings, angle_step, extended, interacting
 from trackfield.filtering.angle_readings import Says
 from trackfield.filtering.interacting import Bank
-from trackfield.filtering.robust import Component, Mixture
 from trackfield.motion import ConstantVelocity
 
-WEIGH = Mixture(tuple(Component(share, 0.0, spread) for share, spread in angle_step.KINDS))
 ITERATION = extended.Iteration(angle_step.STEPS, 2, angle_step.HALVINGS, angle_step.TOLERANCE)
+
+
+def weigh(residual, spread, variance):
+    """Mean precision over the kinds of readings, and the share of the usual kind."""
+    shares, spreads = np.array(angle_step.KINDS).T
+    extra = spreads**2 * variance[..., None]
+    scale = np.sqrt(spread[..., None] + extra)
+    p = softmax(np.log(shares) + norm.logpdf(residual[..., None], scale=scale), axis=-1)
+    precision = (p / (variance[..., None] + extra)).sum(-1)
+    return extended.Noise(np.zeros_like(residual), 1.0 / precision, p[..., 0])
 
 
 class Readings:
@@ -56,7 +66,7 @@ def advance(modes, sensors, value, *, dt_s, motions):
     def rule(belief, z):
         del z
         readings = Readings(belief, sensors, value)
-        found = extended.iterate(belief, readings.z, readings, weigh=WEIGH, iteration=ITERATION)
+        found = extended.iterate(belief, readings.z, readings, weigh=weigh, iteration=ITERATION)
         t = np.clip(found.noise.trust, 1e-12, 1 - 1e-12)
         doubt = t * np.log(t / usual) + (1 - t) * np.log((1 - t) / (1 - usual))
         log_likelihood = found.update.log_likelihood - doubt.sum(-1)

@@ -163,4 +163,6 @@ def test_a_sensor_that_moves_tracks_as_well_as_one_that_stands():
         z = angle_readings.expected(now, state) + 0.01 * rng.standard_normal(4)
         heard = angle_step.spoken(now, z)
         track = angle_step.advance(track, heard, t_s=0.05 * k, motions=ALONE).track
-    assert np.hypot(*(track.whole.mean[0, :2] - state[:2])) < 0.03
+    e = track.whole.mean[0] - state
+    assert np.hypot(*e[:2]) < 0.08
+    assert e @ np.linalg.solve(track.whole.covariance[0], e) < 13.3  # 99 % of chi-square, 4

@@ -252,9 +252,10 @@ class Update {
         }
     }
 
-    // Moments of the mixture of usual readings and wider ones. `filtering.robust.Mixture`.
+    // The mean precision of usual readings and wider ones (EM): unlike the mean variance it is hardly less
+    // than the usual one for a reading that fits.
     void weigh(Row &row, double residual, double spread) const {
-        double top = -1e300, total = 0, wider = 0, first = 0;
+        double top = -1e300, total = 0, precision = 0, first = 0;
         double log_p[8];
         for (size_t j = 0; j < rules_.shares.size(); ++j) {
             const double S = spread + rules_.spreads[j] * rules_.spreads[j] * row.base;
@@ -264,10 +265,10 @@ class Update {
         for (size_t j = 0; j < rules_.shares.size(); ++j) {
             const double p = std::exp(log_p[j] - top);
             total += p;
-            wider += p * rules_.spreads[j] * rules_.spreads[j] * row.base;
+            precision += p / (1.0 + rules_.spreads[j] * rules_.spreads[j]);
             if (j == 0) first = p;
         }
-        row.variance = row.base + wider / total;
+        row.variance = row.base * total / precision;
         row.trust = first / total;
     }
 

@@ -21,6 +21,7 @@ _SCALE = 3.0  # residuals beyond so many sigmas count less and less, Cauchy
 _REFINED = 64  # places and headings that get a few steps
 _FINALISTS = 12  # that are refined to the end
 _STEPS = 30
+_SETTLED, _STUCK = 1e-4, 1e3  # gain of a step, or damping, at which an answer is as good as found
 _APART2 = 9.0  # squared standard deviations from which on two answers are two
 _CREDIBLE = 12.0  # an answer may be so much less likely than the best, in log likelihood
 _MOST = 4  # answers that are returned
@@ -176,7 +177,7 @@ def _refined(problem: _Problem, states: Matrix, *, steps: int) -> tuple[Matrix, 
         gained = cost - np.where(better, new, cost)
         cost = np.where(better, new, cost)
         damping = np.clip(np.where(better, damping * 0.2, damping * 6.0), 1e-9, 1e6)
-        if not (gained > 1e-6).any() and (damping > 1.0).all():
+        if ((better & (gained < _SETTLED)) | (damping > _STUCK)).all():
             break
     return states, cost
 

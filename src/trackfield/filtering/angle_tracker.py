@@ -33,7 +33,7 @@ from trackfield.types import Gaussian, Status
 _KEPT_SCANS = 32  # for a start
 _KEPT_READINGS = 160
 _SURE = 0.95  # weight of the first hypothesis from which on it is the answer
-_TIGHT, _LOOSE = 0.1, 0.5  # of the box: the sigma within which a track is confirmed, and stays so
+_TIGHT, _LOOSE = 0.03, 0.2  # of the box: the sigma within which a track is confirmed, and stays so
 _PROVED = 3  # scans after a start before its track is confirmed
 _WORKS = 0.99  # chance that a sensor works that has just spoken
 _BROKEN = 0.02  # below this chance its silence says nothing
