@@ -1,12 +1,12 @@
 """One step of a track from bearings, angular rates and motion: moved, then conditioned on a scan.
 
 The arithmetic is compiled (`trackfield._core`): an interacting multiple model of white acceleration
-whose modes take iterated updates, as `interacting` and `extended.iterate` do. Readings are a mixture
-of usual ones and outliers, and count with their mean precision (EM), which costs next to nothing
-where there are no outliers. Outliers in every reading at once are an unlikely excuse, so each
-mode's likelihood pays for what it sets aside. Motion in the plane has a sign that its sensor does
-not tell: the prediction tells it, as far as it can. And a sensor with a threshold says something by
-its silence: |rate| < threshold, unless it is broken.
+whose modes take iterated updates, as `interacting` and `extended.iterate` do. Readings are a
+mixture of usual ones and outliers, and count with their mean precision (EM), which costs next to
+nothing where there are no outliers. Outliers in every reading at once are an unlikely excuse, so
+each mode's likelihood pays for what it sets aside. Motion in the plane has a sign that its sensor
+does not tell: the prediction tells it, as far as it can. And a sensor with a threshold says
+something by its silence: |rate| < threshold, unless it is broken.
 """
 
 from __future__ import annotations
