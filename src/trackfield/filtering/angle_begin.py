@@ -39,7 +39,9 @@ def begin(
         if len(scans) < LEAST_SCANS or window.value.size < _PER_NUMBER * 2 * settings.dimensions:
             return None
         found = angle_start.fit(window, settings.search)
-        if found.determined and found.fits:
+        if not found.determined:
+            return None
+        if found.fits:
             return _replayed(scans, found.beliefs, sensors=sensors, settings=settings)
     return None
 

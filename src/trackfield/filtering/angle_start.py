@@ -13,7 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackfield.filtering.angle_readings import AngleReadings, Says, chosen, expected
+from trackfield.filtering.angle_readings import (
+    AngleReadings,
+    AngleSensors,
+    Says,
+    chosen,
+    expected,
+    slopes,
+)
 from trackfield.filtering.matrices import form, solve, symmetric, transposed
 from trackfield.types import Gaussian, Matrix, Vector
 
@@ -27,6 +34,7 @@ _CREDIBLE = 12.0  # an answer may be so much less likely than the best, in log l
 _MOST = 4  # answers that are returned
 _PLACES = {2: 21, 3: 9}  # of the grid, an axis
 _READINGS = 24  # that the grid is judged by, from the middle of the window
+_FASTEST = 3.0  # usual speeds that a candidate may have
 _DETERMINED = 0.2  # of the box: the sigma of a place that counts as fixed
 
 
@@ -108,38 +116,47 @@ def _candidates(window: AngleReadings, search: Search) -> Matrix:
     """States (k, n) from the grid: the best by the readings in the middle, speeds in closed form.
 
     Rates and motion are proportional to the speed: its least squares fit costs one division. The
-    target is taken to stand still in between, which the steps that follow put right.
+    target is taken to stand still in between, which the steps that follow put right; sensors too.
     """
     after = np.zeros(window.value.size) if window.after_s is None else window.after_s
     middle = np.argsort(np.abs(after - np.median(after)), kind="stable")[:_READINGS]
     sensors = chosen(window.sensors, middle)
-    # Of sensors that move, the target's own motion is what is looked for.
     sensors = sensors._replace(velocity=np.zeros_like(sensors.velocity))
     places, headings = _grid(search), _headings(search.lower.size)
-    states = np.concatenate(
-        [np.repeat(places, len(headings), axis=0), np.tile(headings, (len(places), 1))], axis=1
-    )
-    z, sigma = window.value[middle], sensors.sigma
-    h = expected(sensors, states)
-    turns = sensors.says == Says.BEARING
-    e = np.where(turns, (z - h + np.pi) % (2.0 * np.pi) - np.pi, 0.0) / sigma
-    g, y = np.where(turns, 0.0, h / sigma), np.where(turns, 0.0, z / sigma)
-    speed = (g * y).sum(-1) / ((g * g).sum(-1) + search.speed_m_s**-2.0)
-    speed = np.clip(speed, 0.0, 3.0 * search.speed_m_s)
-    left = e + y - speed[:, None] * g
-    cost = np.log1p((left / _SCALE) ** 2).sum(-1)
-    # A place is as good as its best headings: two of each, or one place would take all the room.
-    by_place = cost.reshape(len(places), len(headings))
-    two = np.argsort(by_place, axis=1, kind="stable")[:, :2] + np.arange(len(places))[
-        :, None
-    ] * len(headings)
-    two = two.ravel()
-    best = two[np.argsort(cost[two], kind="stable")[:_REFINED]]
-    d = search.lower.size
-    found = states[best]
-    found[:, d:] *= speed[best, None]
-    found[:, :d] -= np.median(after) * found[:, d:]
-    return found
+    aside, per_speed = _parts(sensors, window.value[middle], places, headings)
+    power = (per_speed**2).sum(axis=1) + search.speed_m_s**-2.0
+    speed = (per_speed * aside[..., None]).sum(axis=1) / power
+    speed = np.clip(speed, 0.0, _FASTEST * search.speed_m_s)
+    left = aside[..., None] - speed[:, None, :] * per_speed
+    cost = np.log1p((left / _SCALE) ** 2).sum(axis=1)
+    # Two headings of each place, or one place would take all the room.
+    two = np.argsort(cost, axis=1, kind="stable")[:, :2]
+    best = np.argsort(np.take_along_axis(cost, two, axis=1).ravel(), kind="stable")[:_REFINED]
+    place, heading = best // 2, two.ravel()[best]
+    velocity = speed[place, heading, None] * headings[heading]
+    return np.concatenate([places[place] - np.median(after) * velocity, velocity], axis=1)
+
+
+def _parts(
+    sensors: AngleSensors, value: Vector, places: Matrix, headings: Matrix
+) -> tuple[Matrix, Matrix]:
+    """Residuals (places, m) of targets at rest, and what speed adds (places, m, headings). [sigma].
+
+    In the plane a reading is linear in the velocity, but for the sign of motion.
+    """
+    k, d = places.shape
+    moves = sensors.says == Says.MOTION
+    rest = np.concatenate([places, np.zeros((k, d))], axis=1)
+    aside = (value - AngleReadings(sensors, value).predict(rest)) / sensors.sigma
+    if d == 3 or np.any(sensors.place[moves, 2]):
+        each = np.broadcast_to(headings, (k, *headings.shape))
+        states = np.concatenate([np.broadcast_to(places[:, None, :], each.shape), each], axis=-1)
+        h = np.where(sensors.says == Says.BEARING, 0.0, expected(sensors, states))
+        return aside, np.swapaxes(h / sensors.sigma, 1, 2)
+    any_velocity = np.concatenate([places, np.ones((k, d))], axis=1)
+    h = slopes(sensors, any_velocity)[..., d:] @ headings.T
+    h[:, moves] = np.abs(h[:, moves])
+    return aside, h / sensors.sigma[:, None]
 
 
 def _grid(search: Search) -> Matrix:

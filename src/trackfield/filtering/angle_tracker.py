@@ -66,7 +66,7 @@ class AngleFilter:
             state = self._updated(state, state.track, scan)
             if state.track is not None and not _lost(state.track):
                 return state._replace(waited=0)
-        if state.waited < max(1, len(state.recent) // 4):
+        if state.waited < max(1, len(state.recent) // 3):
             return state
         state = state._replace(waited=0)
         new, old = begin(state.recent, self._sensors, self._settings), state.track
