@@ -17,6 +17,7 @@ from trackfield.sensing.signal import SignalModel
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 8.0], [9.0, 9.0], [-5.0, 2.0]])
 LINE = np.column_stack([np.arange(5.0), 2.0 * np.arange(5.0)])
 B, R, M = BearingModel(), AngularRateModel(), MotionRateModel()
+A, E = AmplitudeModel(sigma=0.02), EnergyMessageModel(sigma=0.02)
 
 
 def field(*models, places=PLACES):
@@ -43,10 +44,12 @@ def field(*models, places=PLACES):
         (field(RssiModel(), RssiModel()), None, "a beacon and its mirror image"),
         (field(*[RssiModel()] * 5, places=LINE), None, "all on one line"),
         (field(*[RssiModel()] * 3), None, None),
-        (field(AmplitudeModel()), "expected at least 2, and better 3", None),
-        (field(*[AmplitudeModel()] * 4, places=LINE), None, "both are told"),
-        (field(*[EnergyMessageModel()] * 2), None, "both are told"),
-        (field(*[EnergyMessageModel()] * 3), None, None),
+        (field(A), "expected at least 2, and better 3", None),
+        (field(*[A] * 4, places=LINE), None, "both are told"),
+        (field(E, E), None, "both are told"),
+        (field(E, E, E), None, None),
+        (field(*[EnergyMessageModel()] * 3), None, "sigma = 0.1 is the default"),
+        (field(A, A, AmplitudeModel()), None, "what is the noise"),
         (field(RangeModel(), RangeModel()), "expected at least 3", None),
         (field(*[SignalModel()] * 1), None, None),
         (field(RangeModel(), BearingModel()), None, None),

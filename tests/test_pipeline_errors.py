@@ -147,7 +147,7 @@ def test_names_that_nobody_uses_are_no_fault():
     )
     a, b = Tracker(SITE).process(readings), Tracker(SITE).process(more)
     np.testing.assert_array_equal(a.position, b.position)
-    assert a.target_ids == b.target_ids == ("", "x")
+    assert a.target_ids == b.target_ids == ("x",)  # who has no name is not named
 
 
 def test_another_kind_is_refused():

@@ -7,7 +7,10 @@ from typing import NamedTuple
 from trackfield.network.geometry import FLAT, geometry, thinness
 from trackfield.network.kinds import Family, families, kind_of
 from trackfield.network.site import Site
+from trackfield.sensing.amplitude import AmplitudeModel
+from trackfield.sensing.energy_message import EnergyMessageModel
 
+_UNTOLD = AmplitudeModel().sigma
 _ALONE = "a single one tells no place"
 _MIRRORED: dict[Family, str] = {  # what a line of sensors does not tell
     "rssi": "a beacon and its mirror image about the line sound the same",
@@ -49,9 +52,20 @@ def needs(site: Site, sensors: tuple[str, ...] | None = None) -> Needs:
         return Needs()
     if len(own) < 2:
         return Needs((f"{found}, expected at least 2, and better 3: {_ALONE}",))
+    remarks = _of_noise(site)
     if len(own) == 2 or thinness(site.positions[own, :2]) < FLAT:
-        return Needs(remarks=(f"{found}, all on one line: {_MIRRORED[family]}",))
-    return Needs()
+        remarks = (f"{found}, all on one line: {_MIRRORED[family]}", *remarks)
+    return Needs(remarks=remarks)
+
+
+def _of_noise(site: Site) -> tuple[str, ...]:
+    """Say that the noise of amplitudes is not told: it has their unit, which nobody else knows."""
+    told = [
+        one.sigma for one in site.models if isinstance(one, AmplitudeModel | EnergyMessageModel)
+    ]
+    if _UNTOLD not in told:
+        return ()
+    return (f"sigma = {_UNTOLD:g} is the default: what is the noise, in the unit of amplitudes?",)
 
 
 def _of_angles(found: str, count: int, kinds: set[str]) -> Needs:
