@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from trackfield.calibration.fingerprints import calibrate_fingerprints
 from trackfield.calibration.rssi import calibrate_rssi
-from trackfield.calibration.rssi_law import Heard, Scatter, fit_laws
+from trackfield.calibration.rssi_law import HeardPlaces, Scatter, fit_laws
 from trackfield.calibration.scatter import scatter_of_each
 from trackfield.errors import ConfigurationError, InputError
 from trackfield.network.fingerprints import Fingerprints
@@ -33,7 +33,7 @@ def some_heard(seed=0, sizes=(9, 14, 0, 6)):
         place = rng.uniform(0, 12, (size, 2))
         x = 10 * np.log10(rng.uniform(1, 20, size))
         level = -60.0 - 2 * k - 1.8 * x + 3.0 * rng.standard_normal(size)
-        heard.append(Heard(place, x, level, rng.uniform(0.1, 2.0, size)))
+        heard.append(HeardPlaces(place, x, level, rng.uniform(0.1, 2.0, size)))
     return heard
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 import angle_twin
 from angle_runs import CORNERS, site_of
 from trackfield.filtering import angle_hypotheses, angle_readings, angle_step, interacting
-from trackfield.filtering.angle_step import AngleMotions, Heard
+from trackfield.filtering.angle_step import AngleMotions, HeardAngles
 from trackfield.sensing.angular_rate import AngularRateModel
 from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.motion_rate import MotionRateModel
@@ -92,7 +92,7 @@ def test_silence_leaves_the_moments_of_the_truncated_prediction(alive, start):
     sensors = sensors_of([AngularRateModel(0.02, threshold_rad_s=0.2)], CORNERS[:1])
     belief = Gaussian(np.array([start]), 0.01 * np.eye(4)[None])
     track = angle_hypotheses.fresh(belief, t_s=0.0, modes=1)
-    heard = Heard(sensors, np.zeros(1), np.array([alive]))
+    heard = HeardAngles(sensors, np.zeros(1), np.array([alive]))
     found, silence = angle_step.advance(track, heard, t_s=0.0, motions=ALONE)
 
     mean, P = belief.mean[0], belief.covariance[0]
@@ -120,7 +120,7 @@ def test_silence_far_from_the_sensor_or_of_a_broken_one_says_nothing():
         Gaussian(np.array([[1.5, 0.5, 1.0, 0.0]]), 0.04 * np.eye(4)[None]), t_s=0.0, modes=1
     )
     for sensors, alive, told in ((far, 1.0, False), (near, 0.0, False), (near, 1.0, True)):
-        heard = Heard(sensors, np.zeros(1), np.array([alive]))
+        heard = HeardAngles(sensors, np.zeros(1), np.array([alive]))
         found, _ = angle_step.advance(track, heard, t_s=0.0, motions=ALONE)
         same = np.allclose(found.whole.covariance, track.whole.covariance)
         assert same != told
@@ -131,7 +131,7 @@ def test_silence_counts_in_the_likelihood():
     slow, fast = [0.3, 0.2, 0.1, 0.0], [2.6, 1.2, 1.5, -1.5]
     belief = Gaussian(np.array([slow, fast]), np.tile(1e-4 * np.eye(4), (2, 1, 1)))
     track = angle_hypotheses.fresh(belief, t_s=0.0, modes=1)
-    heard = Heard(sensors, np.zeros(1), np.array([0.9]))
+    heard = HeardAngles(sensors, np.zeros(1), np.array([0.9]))
     found, _ = angle_step.advance(track, heard, t_s=0.0, motions=ALONE)
     assert found.weights == pytest.approx([1.0 / 1.1, 0.1 / 1.1], rel=1e-6)  # 1 to 1 - .9
 

@@ -21,7 +21,7 @@ _ODD = 2.5  # standard deviations from which a fingerprint counts less
 _ROUNDS = 3
 
 
-class Heard(NamedTuple):
+class HeardPlaces(NamedTuple):
     """What one receiver heard at p places.
 
     `place` (p, 2) [m], `x` (p,) = 10 log10 of the distance, `level_dbm` (p,), and `noise` (p,)
@@ -90,7 +90,7 @@ class _Solved(NamedTuple):
     square: float  # y' C^-1 y
 
 
-def fit_laws(heard: Sequence[Heard], start: Scatter = Scatter()) -> Laws:  # noqa: B008 - immutable
+def fit_laws(heard: Sequence[HeardPlaces], start: Scatter = Scatter()) -> Laws:  # noqa: B008 - immutable
     """Fit laws and scatter to what n receivers heard; a receiver may have heard nothing.
 
     Scatter maximises the marginal likelihood, all laws integrated out, under wide log-normal priors
@@ -137,7 +137,7 @@ def _laws(receivers: list[_Receiver], scatter: Scatter, centre: float, weight: V
     )
 
 
-def _receiver(heard: Heard, centre: float, weight: Vector) -> _Receiver:
+def _receiver(heard: HeardPlaces, centre: float, weight: Vector) -> _Receiver:
     apart = np.sqrt(((heard.place[:, None] - heard.place) ** 2).sum(axis=-1))
     A = np.column_stack([np.ones(heard.x.size), centre - heard.x])
     return _Receiver(apart, A, heard.level_dbm, heard.noise, weight)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trackfield.calibration.rssi_law import Heard, Laws, Scatter, fit_laws
+from trackfield.calibration.rssi_law import HeardPlaces, Laws, Scatter, fit_laws
 from trackfield.errors import InputError
 from trackfield.network.fingerprints import Fingerprints
 from trackfield.network.radio_map import offsets_to, rssi_models
@@ -132,12 +132,12 @@ def _checked(
     return _Rows(row, r, scatter / np.where(np.isnan(count), np.inf, count))
 
 
-def _heard(survey: Fingerprints, rows: _Rows, *, sensors: int) -> list[Heard]:
+def _heard(survey: Fingerprints, rows: _Rows, *, sensors: int) -> list[HeardPlaces]:
     sensor = survey.sensor[rows.row]
     x, level = 10.0 * np.log10(rows.distance_m), survey.mean_dbm[rows.row]
     place = survey.position[rows.row, :2]
     return [
-        Heard(place[mine], x[mine], level[mine], rows.noise[mine])
+        HeardPlaces(place[mine], x[mine], level[mine], rows.noise[mine])
         for mine in (sensor == i for i in range(sensors))
     ]
 

@@ -38,7 +38,7 @@ class AngleMotions(NamedTuple):
     stays_s: tuple[float, ...]
 
 
-class Heard(NamedTuple):
+class HeardAngles(NamedTuple):
     """A scan: what `sensors` read, `value` (m,), or that they said nothing.
 
     `alive` (m,) is NaN of a sensor that spoke; of one that kept silent it is the chance that it
@@ -57,12 +57,14 @@ class Advanced(NamedTuple):
     silence: Vector
 
 
-def spoken(sensors: AngleSensors, value: Vector) -> Heard:
+def spoken(sensors: AngleSensors, value: Vector) -> HeardAngles:
     """Make a scan of readings, all of which were made."""
-    return Heard(sensors, value, np.full(value.shape, np.nan))
+    return HeardAngles(sensors, value, np.full(value.shape, np.nan))
 
 
-def advance(track: AngleTrack, heard: Heard, *, t_s: float, motions: AngleMotions) -> Advanced:
+def advance(
+    track: AngleTrack, heard: HeardAngles, *, t_s: float, motions: AngleMotions
+) -> Advanced:
     """Carry a track to `t_s` and condition all its hypotheses on a scan; their weights too.
 
     Sensors may have moved since the last scan: `heard.sensors` has their places and velocities of

@@ -25,7 +25,7 @@ from trackfield.filtering.angle_readings import (
 )
 from trackfield.filtering.angle_settings import AngleSettings, settings
 from trackfield.filtering.angle_state import AngleState, AngleTrack
-from trackfield.filtering.angle_step import JUDGED, Heard, advance, spoken
+from trackfield.filtering.angle_step import JUDGED, HeardAngles, advance, spoken
 from trackfield.filtering.scans import Scan, Shown
 from trackfield.network.site import Site
 from trackfield.types import Gaussian, Status
@@ -149,7 +149,7 @@ class AngleFilter:
                 (np.full(scan.value.size, np.nan), alive[silent]),
             )
         )
-        heard = Heard(chosen(self._sensors, rows, sigma), value, works)
+        heard = HeardAngles(chosen(self._sensors, rows, sigma), value, works)
         advanced = advance(track, heard, t_s=scan.t_s, motions=self._settings.motions)
         chance = advanced.silence[scan.value.size :] * alive[silent]
         alive[silent] = chance / (chance + 1.0 - alive[silent])
