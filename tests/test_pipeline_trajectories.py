@@ -282,11 +282,20 @@ def test_rows_are_thinned_and_filled():
 def test_with_a_lag_rows_tell_where_it_was():
     site, readings = heard(14)
     _, tracks = run(site, readings, every_s=1.0, lag_s=15.0)
-    assert tracks.t_s.min() < 8.0
+    assert tracks.t_s.min() == 0.0
     assert tracks.t_s.max() == 24.0
+    assert np.diff(tracks.t_s).max() == 1.0
     assert np.all(np.diff(tracks.t_s) > 0)
     sd = np.sqrt(tracks.covariance[:, 0] + tracks.covariance[:, 2])
     assert all(off(tracks, row) < 4.0 * sd[row] for row in range(len(tracks)))
+
+
+def test_a_lag_longer_than_the_run_tells_all_of_it_in_the_end():
+    for site, readings in (heard(14), words(15, k=8)):
+        _, tracks = run(site, readings, lag_s=100.0)
+        assert (tracks.t_s[0], tracks.t_s[-1]) == (0.0, 24.0)
+        assert len(tracks) == 6  # every five seconds, and the end
+        assert np.all(tracks.status == Status.CONFIRMED)
 
 
 def test_a_silent_pass_ends_after_a_while():

@@ -16,6 +16,7 @@ from trackfield.types import Matrix, Status
 Key = tuple[int, int]  # a sensor, and which of its passes
 _FAR = 4.0  # field radii from the middle of the sensors at which a pass is over
 _SLACK_S = 1e-9
+_ROWS_A_LAG = 20
 
 
 class PassRules(NamedTuple):
@@ -64,13 +65,17 @@ class LivePass:
 
     def rows(self, now_s: float, rules: PassRules) -> list[PassRow]:
         """Rows of a pass that has changed, if they are due."""
+        if rules.lag_s > 0.0:
+            return self.past(now_s - rules.lag_s, rules)
         if now_s < self.row_s + rules.every_s - _SLACK_S:
             return []
         self.row_s = now_s
-        return self.at(now_s - rules.lag_s, Status.CONFIRMED)
+        return self.at(now_s, Status.CONFIRMED)
 
     def coasting(self, now_s: float, rules: PassRules) -> list[PassRow]:
         """Rows every so often before `now_s`, where nothing changed."""
+        if rules.lag_s > 0.0:
+            return self.past(now_s - rules.lag_s, rules)
         rows: list[PassRow] = []
         if rules.every_s <= 0.0 or not math.isfinite(self.row_s):
             return rows
@@ -78,18 +83,23 @@ class LivePass:
             if self.is_over(self.row_s + rules.every_s, rules):
                 break
             self.row_s += rules.every_s
-            rows += self.at(self.row_s - rules.lag_s, Status.COASTING)
+            rows += self.at(self.row_s, Status.COASTING)
         return rows
 
-    def lagging(self, now_s: float, rules: PassRules) -> list[PassRow]:
-        """Rows that waited for their lag when all has ended."""
+    def past(self, until_s: float, rules: PassRules, *, last: bool = False) -> list[PassRow]:
+        """Rows up to `until_s`, known what is known now, from the beginning of the records on.
+
+        They are `every_s` apart, or a twentieth of the lag; the `last` one is at `until_s`.
+        """
         rows: list[PassRow] = []
-        step_s = rules.every_s or rules.lag_s
-        if rules.lag_s <= 0.0 or not math.isfinite(self.told_s):
+        if not self.belief.modes:
             return rows
-        while self.told_s < now_s - _SLACK_S:
-            rows += self.at(min(self.told_s + step_s, now_s), Status.CONFIRMED)
-        return rows
+        step_s = rules.every_s or rules.lag_s / _ROWS_A_LAG
+        due_s = max(self.begin_s, self.told_s + step_s)
+        while due_s <= until_s + _SLACK_S:
+            rows += self.at(due_s, Status.CONFIRMED)
+            due_s += step_s
+        return rows + self.at(until_s, Status.CONFIRMED) if last else rows
 
     def at(self, t_s: float, status: Status) -> list[PassRow]:
         """Rows of a time after the last told one: `status` if one trajectory is sure."""

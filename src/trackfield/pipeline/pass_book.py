@@ -102,7 +102,8 @@ class PassBook:
         for one in self.live:
             one.row_s = -math.inf  # a last row, however soon after the one before
             rows += self._believed(one)
-            rows += one.lagging(self.now_s, self.rules)
+            if self.rules.lag_s > 0.0:
+                rows += one.past(self.now_s, self.rules, last=True)
         return rows
 
     def _joined(self, key: Key) -> list[LivePass]:
@@ -209,7 +210,8 @@ class PassBook:
 
     def _end(self, one: LivePass, now_s: float) -> list[PassRow]:
         """End a pass and forget its messages."""
-        rows = one.at(now_s, Status.ENDED) if one.confirmed else []
+        rows = one.past(now_s, self.rules) if self.rules.lag_s > 0.0 else []
+        rows += one.at(now_s, Status.ENDED) if one.confirmed else []
         self.live.remove(one)
         self.ended += bool(one.tracks)
         self.over = [*self.over, one][-MOST_OVER:] if one.confirmed else self.over

@@ -42,8 +42,8 @@ class TrajectoryTracker:
     for each that may be. Of samples the last word is the maximum of the likelihood of all of them.
     Readings that name targets are kept apart by that, others are grouped by what fits together.
 
-    `lag_s` tells where a target was so long ago, known what is known now; `every_s` thins the rows
-    and adds coasting ones between messages.
+    `lag_s` tells where a target was so long ago, known what is known now, from the beginning of its
+    records on; `every_s` thins the rows and adds coasting ones between messages.
     """
 
     def __init__(
