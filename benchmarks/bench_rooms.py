@@ -1,6 +1,6 @@
 """Positions and rooms at home: errors, and how often the room flips while nobody moves.
 
-    python benchmarks/bench_rooms.py [RUNS [FIRST_SEED]]
+    python benchmarks/bench_rooms.py [RUNS [FIRST_SEED [grid|tracker]]]
 
 Runs of ten minutes in `room_world`, the receivers once and four times a second, bodies in the way
 for 2 s at a time or for one reading only. Beside the tracker stands a filter on a grid that knows
@@ -129,13 +129,16 @@ def main() -> None:
     """Print a line for each rate, burst and way to track."""
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 100
+    ways = {"grid": gridded, "tracker": tracked}
+    if len(sys.argv) > 3:
+        ways = {sys.argv[3]: ways[sys.argv[3]]}
     for burst_s in (0.0, 2.0):
         for rate_hz in (1.0, 4.0):
             model = replace(MODEL, burst_s=burst_s)
             world = [
                 room_run(seed, rate_hz=rate_hz, model=model) for seed in range(first, first + runs)
             ]
-            for name, way in (("grid", gridded), ("tracker", tracked)):
+            for name, way in ways.items():
                 line = summary([judged(run, way(run)) for run in world])
                 print(f"{rate_hz:g} Hz, bursts of {burst_s:g} s, {name}: {line}", flush=True)
 
