@@ -16,7 +16,7 @@ from trackfield.filtering.rssi_cloud import (
     Cloud,
     Fading,
     Moments,
-    Usual,
+    UsualPaths,
     Walk,
     carried,
     confined,
@@ -29,7 +29,7 @@ from trackfield.filtering.rssi_cloud import (
     resampled,
     weights,
 )
-from trackfield.filtering.rssi_evidence import Path, hear, surprise
+from trackfield.filtering.rssi_evidence import PathBelief, hear, surprise
 from trackfield.filtering.rssi_field import field
 from trackfield.filtering.rssi_state import RssiState, pack, unpack
 from trackfield.filtering.scans import Scan
@@ -136,7 +136,7 @@ def test_a_reading_gives_the_likelihood_and_moments_of_an_integral_over_the_shad
         np.array([2], np.int32),
         off_db=off[None],
         sigma_db=np.array([3.0]),
-        path=Path(mean[None], var[None], blocked[None]),
+        path=PathBelief(mean[None], var[None], blocked[None]),
     )
     g = np.linspace(-60, 60, 240_001)
     for i in range(off.size):
@@ -157,7 +157,9 @@ def test_a_reading_gives_the_likelihood_and_moments_of_an_integral_over_the_shad
 def test_readings_of_several_receivers_say_as_much_as_one_by_one():
     rng = np.random.default_rng(2)
     off = rng.normal(0, 8, (3, 9))
-    path = Path(rng.normal(0, 2, (3, 9)), rng.uniform(0, 9, (3, 9)), rng.uniform(0, 0.9, (3, 9)))
+    path = PathBelief(
+        rng.normal(0, 2, (3, 9)), rng.uniform(0, 9, (3, 9)), rng.uniform(0, 0.9, (3, 9))
+    )
     models = rssi.columns([SHADY, PLAIN, SHADY])
     who, sigma = np.array([2, 0, 1], np.int32), np.array([4.0, 4.0, 3.0])
     heard = hear(models, who, off_db=off, sigma_db=sigma, path=path)
@@ -167,7 +169,7 @@ def test_readings_of_several_receivers_say_as_much_as_one_by_one():
             who[[k]],
             off_db=off[[k]],
             sigma_db=sigma[[k]],
-            path=Path(*(column[[k]] for column in path)),
+            path=PathBelief(*(column[[k]] for column in path)),
         )
         for k in range(3)
     ]
@@ -182,7 +184,7 @@ def test_surprise_is_one_a_reading_in_the_mean_of_what_is_believed():
     rng = np.random.default_rng(3)
     n = 40_000
     model = replace(SHADY, p_outlier=0.05)
-    path = Path(*(np.full((1, 2), x) for x in (1.0, 4.0, 0.3)))
+    path = PathBelief(*(np.full((1, 2), x) for x in (1.0, 4.0, 0.3)))
     off = np.array([[0.0, 3.0]])
     w = np.array([0.4, 0.6])
     kind = rng.random(n)
@@ -203,7 +205,7 @@ def test_a_reading_beyond_all_belief_stays_finite():
         np.zeros(1, np.int32),
         off_db=np.full((1, 4), 1e6),
         sigma_db=np.array([3.0]),
-        path=Path(np.zeros((1, 4)), np.full((1, 4), 4.0), np.zeros((1, 4))),
+        path=PathBelief(np.zeros((1, 4)), np.full((1, 4), 4.0), np.zeros((1, 4))),
     )
     assert np.all(np.isfinite(heard.log_likelihood))
     assert np.all(np.isfinite(heard.path.shadow_db))
@@ -317,7 +319,7 @@ def test_shadows_and_blocks_become_usual_with_distance_and_time(lengths):
     walk, fading = Walk(), Fading(shadow_s=10.0)
     moved, far = move(cloud, 0.7, np.random.default_rng(0), walk=walk, fading=fading)
     assert_allclose(far, np.hypot(*(moved.position - cloud.position)[:2]))
-    usual = Usual(
+    usual = UsualPaths(
         np.full((2, 50), 7.0), np.array(lengths), np.full((2, 50), 0.1), np.array([0.0, 2.0])
     )
     faded = fade(cloud, far, 0.7, usual=usual, fading=fading)
@@ -462,6 +464,14 @@ def test_hindsight_of_one_state_is_what_is_shown(walked):
     assert_allclose(late.position, shown.position)
     assert_allclose(late.covariance, shown.covariance)
     assert tracker.hindsight([tracker.start()]) is None
+
+
+def test_particles_that_were_found_anew_say_nothing_of_before(walked):
+    tracker, _, states = walked
+    first, last = states[3], states[4]
+    strangers = last._replace(parent=np.full(last.cloud.moves.size, -1, np.int32))
+    shown = tracker.shown(first, first.t_s)
+    assert_array_equal(tracker.hindsight([first, strangers]).position, shown.position)
 
 
 def test_hindsight_is_better_than_what_was_shown():

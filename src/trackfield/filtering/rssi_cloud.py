@@ -125,7 +125,7 @@ def move(
     return moved, np.hypot(step[0], step[1])
 
 
-class Usual(NamedTuple):
+class UsualPaths(NamedTuple):
     """What is believed of S receivers that are not heard: their shadows, and blocked paths.
 
     A shadow keeps the share exp(-d / `shadow_m`) over d metres; a path stays blocked or clear with
@@ -138,7 +138,7 @@ class Usual(NamedTuple):
     block_s: Vector  # (S,), 0: each reading by itself
 
 
-def fade(cloud: Cloud, far: Vector, dt: float, *, usual: Usual, fading: Fading) -> Cloud:
+def fade(cloud: Cloud, far: Vector, dt: float, *, usual: UsualPaths, fading: Fading) -> Cloud:
     """Let shadows and what is in the way become usual over `far` (N,) [m] and `dt` [s]."""
     lengths = usual.shadow_m[:, None]
     if np.ptp(lengths) == 0.0:

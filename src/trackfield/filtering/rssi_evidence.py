@@ -15,7 +15,7 @@ _FAINTEST = -300.0  # of a log density: below, numbers get slow, and then 0
 _LEAST = math.exp(2.0 * _FAINTEST)
 
 
-class Path(NamedTuple):
+class PathBelief(NamedTuple):
     """What is believed of the paths from m receivers to N particles.
 
     Shadows N(`shadow_db`, `shadow_var`) and probabilities `blocked`, (m, N) each.
@@ -26,16 +26,16 @@ class Path(NamedTuple):
     blocked: Matrix
 
 
-class Heard(NamedTuple):
+class HeardPaths(NamedTuple):
     """Paths that know the readings, and what these say of the particles."""
 
-    path: Path
+    path: PathBelief
     log_likelihood: Vector  # (N,) of all readings
 
 
 def hear(
-    models: RssiColumns, receivers: Indices, *, off_db: Matrix, sigma_db: Vector, path: Path
-) -> Heard:
+    models: RssiColumns, receivers: Indices, *, off_db: Matrix, sigma_db: Vector, path: PathBelief
+) -> HeardPaths:
     """Condition on readings (m,) of different receivers, `off_db` (m, N) from law and survey.
 
     `sigma_db` (m,) is of the white noise. With S = var + sigma^2 the mixture is clear N(0, S),
@@ -57,8 +57,8 @@ def hear(
     step = pull * sum(part.first for part in parts)
     left = var + pull * var * sum(part.second for part in parts) - step * step
     log_likelihood = np.log(total).sum(axis=0) - _HALF_LOG_TWO_PI * receivers.size
-    after = Path(path.shadow_db + step, np.maximum(left, 0.0), blocked.density / total)
-    return Heard(after, log_likelihood)
+    after = PathBelief(path.shadow_db + step, np.maximum(left, 0.0), blocked.density / total)
+    return HeardPaths(after, log_likelihood)
 
 
 def surprise(
@@ -67,7 +67,7 @@ def surprise(
     *,
     off_db: Matrix,
     sigma_db: Vector,
-    path: Path,
+    path: PathBelief,
     w: Vector,
 ) -> float:
     """Sum over readings (m,) of (z - mean)^2 / variance, as believed before by particles.

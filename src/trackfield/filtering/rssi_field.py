@@ -56,7 +56,7 @@ class ShadowTable(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Field:
+class RssiField:
     """What n receivers hear at any place: law plus the survey's shadow; made by `field`.
 
     Without a survey there is no table, and the variance of the shadow is everywhere the model's.
@@ -89,13 +89,13 @@ class Field:
         return self.table.unknown(receivers, position) + self.changed[receivers, None]
 
 
-def field(site: Site) -> Field:
+def field(site: Site) -> RssiField:
     """Make the field of `site`; `ConfigurationError` if a sensor measures something else."""
     chart = radio_map(site)
     area = _area(site)
     usual = np.square(chart.models.shadow_db)
     if site.survey is None or not len(site.survey):
-        return Field(chart.models, site.positions, area, usual, np.zeros_like(usual), None)
+        return RssiField(chart.models, site.positions, area, usual, np.zeros_like(usual), None)
     changed = _CHANGED * np.square(chart.models.fading_db)
     n = len(site.sensor_ids)
     x0, y0, x1, y1 = area
@@ -107,7 +107,7 @@ def field(site: Site) -> Field:
     for row, y in enumerate(ys):
         places = np.column_stack([xs, np.full(xs.size, y)])
         mean[:, row], variance[:, row] = _shadow(chart, places)
-    return Field(
+    return RssiField(
         chart.models,
         site.positions,
         area,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackfield.filtering.range_tracker import height_prior
-from trackfield.filtering.rssi_cloud import Cloud, Fading, Usual, Walk, confined, fade, move
-from trackfield.filtering.rssi_field import Field, field
+from trackfield.filtering.rssi_cloud import Cloud, Fading, UsualPaths, Walk, confined, fade, move
+from trackfield.filtering.rssi_field import RssiField, field
 from trackfield.network.site import Site, Target
 from trackfield.types import Indices, Matrix
 
@@ -18,7 +18,7 @@ from trackfield.types import Indices, Matrix
 class RssiPrior:
     """Strengths of a site and the ways of its beacons; made by `rssi_prior`."""
 
-    field: Field
+    field: RssiField
     walk: Walk
     fading: Fading
 
@@ -45,11 +45,11 @@ class RssiPrior:
             none,
         )
 
-    def usual(self, receivers: Indices, position: Matrix) -> Usual:
+    def usual(self, receivers: Indices, position: Matrix) -> UsualPaths:
         """Tell what is believed of receivers (S,) before anything was heard in a place."""
         models, shape = self.field.models, (receivers.size, position.shape[1])
         blocked = models.p_blocked[receivers]
-        return Usual(
+        return UsualPaths(
             np.broadcast_to(self.field.unknown(receivers, position), shape),
             models.shadow_m[receivers],
             np.broadcast_to(blocked[:, None], shape),

@@ -26,7 +26,7 @@ from trackfield.filtering.rssi_cloud import (
     resampled,
     weights,
 )
-from trackfield.filtering.rssi_evidence import Path, hear, surprise
+from trackfield.filtering.rssi_evidence import PathBelief, hear, surprise
 from trackfield.filtering.rssi_prior import RssiPrior, rssi_prior
 from trackfield.filtering.rssi_state import RssiState
 from trackfield.filtering.scans import Scan, Shown
@@ -151,11 +151,11 @@ class RssiFilter:
         sigma = np.where(np.isfinite(scan.sigma), scan.sigma, own)
         off = scan.value[:, None] - self.prior.field.strength(scan.sensor, cloud.position)
         off -= cloud.offset_db
-        path = Path(cloud.shadow_db[slots], cloud.shadow_var[slots], cloud.blocked[slots])
+        path = PathBelief(cloud.shadow_db[slots], cloud.shadow_var[slots], cloud.blocked[slots])
         nis = surprise(models, scan.sensor, off_db=off, path=path, w=weights(cloud), sigma_db=sigma)
         heard = hear(models, scan.sensor, off_db=off, sigma_db=sigma, path=path)
         log_weight = cloud.log_weight + heard.log_likelihood
-        now = Path(cloud.shadow_db.copy(), cloud.shadow_var.copy(), cloud.blocked.copy())
+        now = PathBelief(cloud.shadow_db.copy(), cloud.shadow_var.copy(), cloud.blocked.copy())
         for old, new in zip(now, heard.path, strict=True):
             old[slots] = new
         cloud = cloud._replace(log_weight=log_weight - log_weight.max(), **now._asdict())
