@@ -69,7 +69,7 @@ def run(
     """Run every part of `PARTS` at every SNR, 150 times (10 if `quick`); the paper takes 1000."""
     runs = 10 if quick else 150
     errors = {name: _errors(part, runs, rng, tick) for name, part in PARTS.items()}
-    return BergerFusion(errors, _grouping(2 if quick else 20, rng), runs)
+    return BergerFusion(errors, _grouping(1 if quick else 20, rng), runs)
 
 
 def ticks() -> int:
