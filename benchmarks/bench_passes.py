@@ -104,6 +104,20 @@ def random(rng: np.random.Generator, n: int, snr_db: float) -> Case:
     return Case(rng, sensors, np.array([1.0, *x0, *(0.2 * u)]), model)
 
 
+def anything(rng: np.random.Generator) -> Case:
+    """Draw a pass of any kind: sensors, speed, side, exponent, noise, fading, before or after."""
+    n, heading = int(rng.integers(3, 13)), rng.uniform(0.0, 2.0 * np.pi)
+    u, speed = np.array([np.cos(heading), np.sin(heading)]), np.exp(rng.uniform(-3.0, -0.5))
+    x0 = rng.uniform(-2.5, 2.5) * np.array([-u[1], u[0]]) - rng.uniform(4.0, 20.0) * speed * u
+    model = AmplitudeModel(
+        exponent=float(rng.choice([1.0, 1.5, 2.0])),
+        sigma=10 ** (-rng.uniform(0.0, 35.0) / 20),
+        fading="rayleigh" if rng.random() < 0.25 else "none",
+    )
+    hz = 1.0 if model.fading == "none" else 2.0
+    return Case(rng, rng.uniform(-2.0, 2.0, (n, 2)), np.array([1.0, *x0, *(speed * u)]), model, hz)
+
+
 def row(
     name: str,
     draw: Callable[[], Case],
@@ -116,6 +130,8 @@ def row(
     for i in range(runs):
         case = draw()
         found, sd = fused(case.messages), case.bound()
+        if not len(found.theta):  # no more than noise: no answer, and none that is wrong
+            continue
         errors = np.linalg.norm(found.theta[:, 1:3] - case.theta[1:3], axis=1) / sd
         best[i], nearest[i], central[i] = errors[0], errors.min(), case.raw() / sd
         weight[i], count[i] = found.weight[errors <= 5.0].sum(), len(errors)
@@ -162,6 +178,7 @@ def main() -> None:
     for n, snr in ((20, 10), (10, 10), (5, 10), (3, 10), (20, 25), (5, 25), (3, 25), (3, 40)):
         row(f"K = {n}, {snr} dB", lambda n=n, snr=snr: layout(rng, n, snr), runs)
     row("random, K = 4, 20 dB", lambda: random(rng, 4, 20.0), runs)
+    row("anything", lambda: anything(rng), runs)
     for hz, n, snr in ((10.0, 5, 20), (2.0, 10, 20), (2.0, 10, 40)):
         row(
             f"fading, {hz:g} Hz, K = {n}, {snr} dB",
