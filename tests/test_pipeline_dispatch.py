@@ -89,3 +89,8 @@ def test_a_beacon_of_its_own_has_its_own_models():
         expected = alone.process(replace(plain_table(site, own), kinds=("rssi",)))
         rows_of = both.target == both.target_ids.index(name)
         np.testing.assert_array_equal(both.position[rows_of], expected.position)
+
+
+def test_unknown_targets_have_an_operator_of_their_own():
+    with pytest.raises(InputError, match="kind 'signal', whose targets have no names"):
+        tracker_of(SITE, "signal")

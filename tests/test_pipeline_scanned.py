@@ -1,5 +1,6 @@
 """Any filter of scans behind one operator: cuts, order, restarts of the program, lags, silence."""
 
+import struct
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,6 +13,8 @@ from plain_scans import Heard, PlainFilter, plain_run, plain_site, plain_table
 from trackfield.errors import ConfigurationError, InputError, StateError
 from trackfield.filtering.scans import Scan
 from trackfield.pipeline.runs import track_readings
+from trackfield.pipeline.scan_archive import pack_stream, unpack_into
+from trackfield.pipeline.scan_stream import Said, ScanStream, StreamRules
 from trackfield.pipeline.scanned import ScanTracker
 from trackfield.types import Status, Tracks, join_rows
 
@@ -302,3 +305,28 @@ def test_a_snapshot_belongs_to_its_site_and_settings():
             other.restore(data)
     with pytest.raises(StateError, match="damaged"):
         tracker.restore(data[:-1] + b"?")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[:3],
+        lambda data: data[:-1],
+        lambda data: data + b"more",
+        lambda data: data[:4] + b"x" + data[5:],
+        lambda data: struct.pack("<I", 2) + b"{}",
+    ],
+    ids=("no head", "cut short", "longer", "no JSON", "empty head"),
+)
+def test_a_damaged_stream_is_refused(damage):
+    model = PlainFilter()
+    rules = StreamRules(window_s=1.0, drop_s=5.0)
+    stream = ScanStream(model, rules)
+    for k in range(12):
+        stream.add(0.25 * k, k % 4, said=Said(1.0, np.nan))
+    data = pack_stream(stream, model)
+    other = ScanStream(model, rules)
+    unpack_into(other, data, model)
+    assert pack_stream(other, model) == data
+    with pytest.raises(StateError):
+        unpack_into(other, damage(data), model)

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
-from trackfield.errors import ConfigurationError
+from trackfield.errors import ConfigurationError, InputError
+from trackfield.metrics.score import score
+from trackfield.pipeline.dispatch import tracker_of
+from trackfield.pipeline.runs import track_readings
 from trackfield.sensing import angular_rate, bearing, motion_rate, rssi
 from trackfield.sensing.energy_message import decode
 from trackfield.simulation.hearing import all_of, hear_readings
+from trackfield.simulation.messages import draw_messages
 from trackfield.simulation.scenario_file import load_scenario, scenario_from_toml
 from trackfield.simulation.sources import clocks, levels
 from trackfield.simulation.told_site import site_of
@@ -232,3 +236,21 @@ def test_the_shipped_scenarios_of_these_kinds_say_something_of_everything():
         world = make_world(load_scenario(ROOT / "examples" / "scenarios" / f"{name}.toml"))
         readings, _ = all_of(hear_readings(world))
         assert {*np.unique(readings.sensor)} == {*range(len(readings.sensor_ids))}, name
+
+
+def test_only_messages_are_drawn_as_messages():
+    world, _ = heard("[bearing]\n" + WALK)
+    with pytest.raises(InputError, match=r"without \[energy_message\]"):
+        draw_messages(world)
+
+
+def test_a_network_that_delays_is_met_by_the_window():
+    """Late readings within `window_s` count, the others are warned of: the track is still there."""
+    delays = "[network]\np_delay = 0.3\ndelay_step_s = 0.5\np_loss = 0.1\nmultipath = false\n"
+    world, late = heard("[bearing]\nsigma_rad = 0.02\n" + WALK + delays)
+    assert np.any(np.diff(late.t_s) < 0.0)
+    tracker = tracker_of(site_of(world), "angle")
+    run = track_readings(tracker, [late])
+    assert run.counts["rewound"] > 50
+    assert 0 < run.counts["late"] < 0.2 * len(late)
+    assert score(world.truth, run.tracks).median_m < 1.0
