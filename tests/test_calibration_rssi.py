@@ -328,7 +328,7 @@ def test_bodies_and_outliers_of_a_run_are_told_from_noise():
         outlier_db=25.0,
     )
     readings, truth = a_run(4, model=model, steps=1600)
-    start = dataclasses.replace(UNSURVEYED, blocked_db=9.0, blocked_sigma_db=1.0, outlier_db=25.0)
+    start = RssiModel(blocked_db=9.0, blocked_sigma_db=1.0, outlier_db=25.0)  # no share of either
     found = calibrate_rssi(a_site((start,) * 4), readings, truth).site.models
     assert found[0].p_blocked == pytest.approx(0.15, abs=0.04)
     assert found[0].p_outlier == pytest.approx(0.04, abs=0.02)

@@ -15,7 +15,7 @@ from trackfield.network.fingerprints import Fingerprints
 from trackfield.network.radio_map import offsets_to, rssi_models
 from trackfield.network.site import Site
 from trackfield.sensing import rssi
-from trackfield.sensing.rssi import RssiColumns, RssiModel
+from trackfield.sensing.rssi import UNSURVEYED, RssiColumns, RssiModel
 from trackfield.types import Indices, Matrix, Readings, Truth, Vector
 
 KIND = "rssi"
@@ -173,8 +173,14 @@ def _offsets(off: Vector, target: Indices, size: int) -> Vector:
 def _mixture(off: Vector, start: RssiModel) -> _Mixture:
     """Fit shift, noise and shares of the mixture to what is `off`, by expectation maximisation.
 
-    How much a body takes away is the site's, for it is hardly told from its share.
+    How much a body takes away is the site's, for it is hardly told from its share. Shares begin at
+    the usual ones where the site has none, for from 0 they would never rise.
     """
+    start = replace(
+        start,
+        p_blocked=start.p_blocked or UNSURVEYED.p_blocked,
+        p_outlier=start.p_outlier or UNSURVEYED.p_outlier,
+    )
     sigma = _spread(off)
     model, shift = replace(start, sigma_db=sigma), 0.0
     for _ in range(_EM_ROUNDS):
