@@ -15,7 +15,7 @@ from trackfield.sensing.motion_vector import scalar_residual, sighting
 from trackfield.types import Matrix, Vector
 
 _SHRINK, _ROUNDS = 0.01, 4  # "shrink, for example, dh/100 ... several times"
-_STEPS = 5000  # of a round
+_STEPS = 600  # of a round
 _NEWTON = 60
 _RANK = 1e-10  # of the largest singular value
 

@@ -22,7 +22,7 @@ from trackfield.localization.motion_starts import start_states
 from trackfield.types import Matrix, Vector
 
 _RELATIVE = 0.2  # error of a reading in the first search, as a share of it
-_REACH = 5.0  # in halves of the diagonal of the sensors' box, where it is not told
+_REACH = 8.0  # in halves of the diagonal of the sensors' box, where it is not told
 _GAIN = 12.0  # nats by which an end of the first search may be worse than the best
 _FIRST, _THEN, _LAST = 40, 40, 120  # iterations of the first search, of all and of the best ends
 _ENDS = 4  # so many times the finalists are let into the second search
@@ -36,7 +36,7 @@ _FEW = 8  # the same for each sensor
 class MotionSearch:
     """Where targets are looked for, and how hard.
 
-    `reach_m`: how far from the middle of the sensors, at the middle of the window; left out, 5
+    `reach_m`: how far from the middle of the sensors, at the middle of the window; left out, 8
     times the sensors' own distance from it. `max_speed_m_s`: no target is faster. The grid of
     places has `cells` a side (in space half as many), each tried with 2 `headings` beside the
     velocities solved for; the `finalists` best ends are refined.
@@ -91,14 +91,10 @@ def maxima(given: MotionReadings, search: MotionSearch) -> Found:
         order = np.argsort(_motion.costs(*arrays(soft), starts)[:, 0], kind="stable")
         starts = starts[order[: search.finalists]]
     first = _descend(soft, starts, where, iterations=_FIRST)
-    if given.reversible:
-        first = first._replace(state=forward(first.state))
-    ends = _apart(first, where, most=_ENDS * search.finalists)
+    ends = _apart(given, first, where, most=_ENDS * search.finalists)
     then = _descend(given, ends, where, iterations=_THEN)
-    # few of those that are still far up come down to where it matters
-    left = np.argsort(then.cost, kind="stable")[: search.finalists]
-    last = _descend(given, then.state[left], where, iterations=_LAST)
-    return _sorted(last)
+    best = _apart(given, then, where, most=search.finalists)
+    return _sorted(_descend(given, best, where, iterations=_LAST))
 
 
 def refine(given: MotionReadings, starts: Matrix, *, search: MotionSearch) -> Found:
@@ -176,9 +172,11 @@ def _sorted(found: Found) -> Found:
     return found.rows(np.argsort(found.cost, kind="stable"))
 
 
-def _apart(found: Found, where: Extent, *, most: int) -> Matrix:
+def _apart(given: MotionReadings, found: Found, where: Extent, *, most: int) -> Matrix:
     """States (k, 2 d) that are not much worse than the best, by rising cost, near ones once."""
-    d = found.state.shape[1] // 2
+    d = given.dimensions
+    if given.reversible:
+        found = found._replace(state=forward(found.state))
     inside = np.linalg.norm(found.state[:, :d] - where.centre, axis=1) <= _MARGIN * where.reach_m
     state, cost, _ = _sorted(found.rows(inside))
     left = state[cost <= cost.min(initial=math.inf) + _GAIN]

@@ -17,7 +17,7 @@ from trackfield.types import Matrix, Vector
 if TYPE_CHECKING:
     from trackfield.localization.motion_search import MotionSearch
 
-_INNER, _OUTER = 1.5, (0.5, 0.75, 1.0)  # grid in halves of the diagonal, rings in reaches
+_INNER, _OUTER = 1.5, (0.25, 0.5, 1.0)  # grid in halves of the diagonal, rings in reaches
 _AROUND = (0.04, 0.16)  # rings about each sensor, in halves of the diagonal
 _SIDES = 6  # of a ring
 _NEAR = 2  # readings of each sensor from which velocities are solved
