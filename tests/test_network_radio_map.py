@@ -92,8 +92,9 @@ def test_the_map_is_the_conditional_of_the_joint_gaussian(seed):
     places = np.random.default_rng(seed).uniform(0, 10, (4, 3))
     found = radio_map(site).expected(places)
     oracle = np.array([[dense(site, i, p) for i in range(3)] for p in places])
-    np.testing.assert_allclose(found.mean, oracle[..., 0], rtol=1e-9)
-    np.testing.assert_allclose(found.variance, oracle[..., 1], rtol=1e-9, atol=1e-9)
+    # Variances of fingerprints are taken in steps of two percent.
+    np.testing.assert_allclose(found.mean, oracle[..., 0], atol=0.1)
+    np.testing.assert_allclose(found.variance, oracle[..., 1], rtol=0.01, atol=0.02)
     assert (found.variance >= 0.0).all()
     assert (found.variance <= MODEL.shadow_db**2 + 1e-12).all()
 
@@ -135,6 +136,28 @@ def test_slope_is_that_of_the_mean(seed, d):
         for e in np.eye(d)
     ]
     np.testing.assert_allclose(found.slope(p), np.stack(slope, axis=-1), atol=1e-2)
+
+
+def test_receivers_that_heard_alike_share_what_is_settled():
+    rng = np.random.default_rng(8)
+    places = np.column_stack([rng.uniform(0, 10, (20, 2)), np.ones(20)])
+    survey = Fingerprints(
+        sensor=np.tile(np.arange(3, dtype=np.int32), 20),
+        position=np.repeat(places, 3, axis=0),
+        mean_dbm=rng.uniform(-90, -50, 60),
+        std_db=rng.uniform(2.0, 4.0, 60),
+        count=rng.integers(2900, 3500, 60).astype(float),
+    )
+    site = dataclasses.replace(a_site(), survey=survey)
+    found = radio_map(site)
+    assert found.receivers[0].survey is found.receivers[1].survey is found.receivers[2].survey
+    for i in range(3):
+        own = survey.sensor == i
+        alone = Fingerprints(*(getattr(survey, f.name)[own] for f in dataclasses.fields(survey)))
+        lone = radio_map(dataclasses.replace(site, survey=alone)).expected(places + 0.3)
+        both = found.expected(places + 0.3)
+        np.testing.assert_allclose(both.mean[:, i], lone.mean[:, i], rtol=1e-12)
+        np.testing.assert_allclose(both.variance[:, i], lone.variance[:, i], rtol=1e-12)
 
 
 def test_a_survey_of_exact_values_is_met_in_its_places():

@@ -15,6 +15,7 @@ from trackfield.sensing import rssi
 from trackfield.sensing.rssi import RssiColumns, RssiModel
 from trackfield.types import Matrix, Vector
 
+_STEP = 0.02  # of the logarithm of a fingerprint's variance
 _LEAST_NUGGET = 0.1  # [dB]: fingerprints are rounded, and two may stand in one place
 
 
@@ -28,12 +29,20 @@ class Strength(NamedTuple):
     variance: Matrix
 
 
-class _Receiver(NamedTuple):
-    """What one receiver's fingerprints say of its shadow at p surveyed places."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """Surveyed places, for all receivers that heard a beacon there alike well."""
 
     places: Matrix  # (p, 2)
-    weights: Vector  # (p,) of each place's correlation [dB]: the mean of the shadow is k' weights
+    length_m: float
     precision: Matrix  # (p, p) (K + N)^-1 shadow_db^2, whose k' k is what the survey has settled
+
+
+class _Receiver(NamedTuple):
+    """What one receiver's fingerprints say of its shadow at surveyed places."""
+
+    survey: _Places | None
+    weights: Vector  # (p,) of each place's correlation [dB]: the mean of the shadow is k' weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,13 +64,14 @@ class RadioMap:
         _, r = self._offsets(positions)
         mean = rssi.expected(self.models, r)
         variance = np.broadcast_to(np.square(self.models.shadow_db), mean.shape).copy()
-        for i, receiver in enumerate(self.receivers):
-            if not receiver.weights.size:
-                continue
-            k = np.exp(-_apart(positions, receiver.places) / self.models.shadow_m[i])
-            mean[:, i] += k @ receiver.weights
-            settled = np.sum((k @ receiver.precision) * k, axis=1)
-            variance[:, i] *= np.clip(1.0 - settled, 0.0, 1.0)
+        surveys = {id(one.survey): one.survey for one in self.receivers if one.survey is not None}
+        for survey in surveys.values():
+            k = np.exp(-_apart(positions, survey.places) / survey.length_m)
+            left = np.clip(1.0 - np.sum((k @ survey.precision) * k, axis=1), 0.0, 1.0)
+            for i, receiver in enumerate(self.receivers):
+                if receiver.survey is survey:
+                    mean[:, i] += k @ receiver.weights
+                    variance[:, i] *= left
         return Strength(mean, variance)
 
     def slope(self, positions: Matrix) -> Matrix:
@@ -72,13 +82,13 @@ class RadioMap:
         offsets, r = self._offsets(positions)
         found = rssi.slope(self.models, offsets, r=r)[..., : positions.shape[1]]
         for i, receiver in enumerate(self.receivers):
-            if not receiver.weights.size:
+            if receiver.survey is None:
                 continue
-            length = self.models.shadow_m[i]
-            apart = _apart(positions, receiver.places)
+            length, places = receiver.survey.length_m, receiver.survey.places
+            apart = _apart(positions, places)
             fall = np.where(apart > 0.0, np.exp(-apart / length) / np.maximum(apart, 1e-9), 0.0)
             pull = fall * receiver.weights / length
-            toward = pull @ receiver.places - pull.sum(axis=1, keepdims=True) * positions[:, :2]
+            toward = pull @ places - pull.sum(axis=1, keepdims=True) * positions[:, :2]
             found[:, i, :2] += toward
         return found
 
@@ -100,12 +110,16 @@ def radio_map(site: Site) -> RadioMap:
     models = rssi_models(site)
     columns = rssi.columns(models)
     survey = site.survey
+    known: dict[bytes, _Places] = {}
     return RadioMap(
         models=columns,
         sensors=site.positions,
         height_m=np.nan if site.target.height_m is None else site.target.height_m,
         receivers=tuple(
-            _receiver(model, site.positions[i], i, survey) for i, model in enumerate(models)
+            _Receiver(None, np.empty(0))
+            if survey is None or model.shadow_db == 0.0
+            else _receiver(model, site.positions[i], _of(survey, i), known)
+            for i, model in enumerate(models)
         ),
     )
 
@@ -147,23 +161,45 @@ def mean_noise(model: RssiModel, std_db: Vector, count: Vector) -> Vector:
     white = max(model.sigma_db**2 - model.fading_db**2, 0.0)
     scatter = np.where(np.isnan(std_db), white, std_db**2)
     many = np.where(np.isnan(count), np.inf, count)
-    return max(model.fading_db, _LEAST_NUGGET) ** 2 + scatter / many
+    return _nugget(model) + scatter / many
+
+
+def _nugget(model: RssiModel) -> float:
+    """Variance [dB^2] of a fingerprint of any number of readings."""
+    return max(model.fading_db, _LEAST_NUGGET) ** 2
+
+
+def _of(survey: Fingerprints, place: int) -> Fingerprints:
+    """Fingerprints of one receiver."""
+    rows = survey.sensor == place
+    return Fingerprints(
+        survey.sensor[rows],
+        survey.position[rows],
+        survey.mean_dbm[rows],
+        survey.std_db[rows],
+        survey.count[rows],
+    )
 
 
 def _receiver(
-    model: RssiModel, sensor: Vector, place: int, survey: Fingerprints | None
+    model: RssiModel, sensor: Vector, survey: Fingerprints, known: dict[bytes, _Places]
 ) -> _Receiver:
-    rows = np.flatnonzero(survey.sensor == place) if survey is not None else np.empty(0, np.intp)
-    if survey is None or not rows.size or model.shadow_db == 0.0:
-        return _Receiver(np.empty((0, 2)), np.empty(0), np.empty((0, 0)))
-    positions = survey.position[rows]
-    r = np.linalg.norm(offsets_to(sensor[None], positions)[:, 0], axis=1)
-    off = survey.mean_dbm[rows] - rssi.expected(model, r)
-    places = positions[:, :2]
-    noise = mean_noise(model, survey.std_db[rows], survey.count[rows])
-    K = np.exp(-_apart(places, places) / model.shadow_m)
-    precision = np.asarray(np.linalg.inv(K + np.diag(noise / model.shadow_db**2)), float)
-    return _Receiver(places, precision @ off, precision)
+    """Learn a receiver's shadow; `known` places are shared, and grow."""
+    if not len(survey):
+        return _Receiver(None, np.empty(0))
+    r = np.linalg.norm(offsets_to(sensor[None], survey.position)[:, 0], axis=1)
+    off = survey.mean_dbm - rssi.expected(model, r)
+    places = survey.position[:, :2]
+    noise = mean_noise(model, survey.std_db, survey.count)
+    # In steps of two percent, so that receivers that differ by next to nothing share an inverse.
+    least = _nugget(model)
+    ratio = least * np.exp(_STEP * np.round(np.log(noise / least) / _STEP)) / model.shadow_db**2
+    key = np.column_stack([places, ratio]).tobytes() + np.float64(model.shadow_m).tobytes()
+    if key not in known:
+        K = np.exp(-_apart(places, places) / model.shadow_m) + np.diag(ratio)
+        known[key] = _Places(places, model.shadow_m, np.asarray(np.linalg.inv(K), float))
+    shared = known[key]
+    return _Receiver(shared, shared.precision @ off)
 
 
 def _apart(positions: Matrix, places: Matrix) -> Matrix:
