@@ -102,14 +102,7 @@ def figures(found: ChengTracking) -> dict[str, Figure]:
 
 def _passes(found: Pass) -> Table:
     rows = tuple(
-        (
-            method,
-            str(len(found.error_m[method])),
-            f"{1e3 * found.rmse(method):.2f}",
-            f"{found.efficiency(method):.2f}",
-            f"{100 * found.lost(method):.1f} %",
-        )
-        for method in METHODS
+        (method, str(len(found.error_m[method])), *_cells(found, method)) for method in METHODS
     )
     bound = ("posterior Cramer-Rao bound", "", f"{1e3 * found.bound_m[-1]:.2f}", "1", "")
     return Table(
@@ -117,6 +110,15 @@ def _passes(found: Pass) -> Table:
         ("method", "runs", "RMSE [mm]", "over the bound", "lost"),
         (*rows, bound),
     )
+
+
+def _cells(found: Pass, method: str) -> tuple[str, str, str]:
+    """Write RMSE, efficiency and lost runs; where most are lost, an RMSE says nothing."""
+    lost = found.lost(method)
+    share = f"{100 * lost:.1f} %"
+    if lost > 0.5:
+        return "-", "-", share
+    return f"{1e3 * found.rmse(method):.2f}", f"{found.efficiency(method):.2f}", share
 
 
 def _switched(found: Switched) -> Table:
