@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from trackfield.sensing.signal import SignalModel
     from trackfield.types import Commands, Mode, Readings, Reports, Status, Tracks, Truth
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 _ROOMS = {
     "api": ("calibrate", "score", "track"),
