@@ -18,7 +18,7 @@ from matplotlib.collections import EllipseCollection
 from trackfield.calibration.ranges import calibrate
 from trackfield.plotting.calibration import plot_calibration
 from trackfield.plotting.style import PALETTE, SIGMAS_95, kind_of, save
-from trackfield.plotting.tagged import Errors, plot_tracks
+from trackfield.plotting.tagged import Course, Errors, plot_tracks
 
 SITE = Site(
     "yard",
@@ -174,3 +174,23 @@ def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         save(plot_tracks(SITE, make_tracks()), tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_of_overlapping_ellipses_the_small_ones_are_drawn():
+    tracks = make_tracks()
+    wide = np.tile([90.0, 0.0, 90.0], (len(tracks), 1))
+    wide[:: len(tracks) - 1] = 0.01, 0.0, 0.01
+    place = plot_tracks(SITE, replace(tracks, covariance=wide)).axes[0]
+    (ellipses,) = (c for c in place.collections if isinstance(c, EllipseCollection))
+    widths = sorted(ellipses.get_widths())
+    assert len(widths) < 10  # of forty
+    np.testing.assert_allclose(widths[:2], 2 * SIGMAS_95 * 0.1)
+
+
+def test_courses_are_the_fainter_the_less_likely():
+    ends = np.array([[0.0, 0.0], [10.0, 5.0]])
+    courses = [Course(ends, 0.8), Course(-ends, 0.2)]
+    place = plot_tracks(SITE, make_tracks(), courses=courses).axes[0]
+    first, second = [line for line in place.get_lines() if line.get_linestyle() == "--"]
+    np.testing.assert_array_equal(first.get_xydata(), ends)
+    assert (first.get_label(), first.get_alpha(), second.get_alpha()) == ("trajectory", 0.8, 0.2)

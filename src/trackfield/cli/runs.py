@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from trackfield.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from trackfield.plotting.tagged import Course
     from trackfield.types import Tracks
 
 
@@ -33,12 +35,16 @@ class Wanted(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What came out of a run: numbers for `--json`, lines for people, warnings, tracks if kept."""
+    """What came out of a run: numbers for `--json`, lines for people, warnings, tracks if kept.
+
+    `courses` are the trajectories of passes, to be drawn.
+    """
 
     numbers: dict[str, Any]
     told: list[str]
     warnings: list[str]
     kept: list[Tracks]
+    courses: Sequence[Course] = ()
 
 
 def parse_lag(text: str) -> Lag:

@@ -104,8 +104,10 @@ def track(
             run = unknown.run_tracker(loaded, data, output, feed=way, wanted=wanted, moved=moved)
     result = {"tracks": str(output), **run.numbers, "warnings": run.warnings}
     if plot is not None:
-        draw = readings.draw if isinstance(way, str) else unknown.draw
-        draw(loaded, run.kept, known, plot)
+        if isinstance(way, str):
+            readings.draw(loaded, run.kept, known, plot, courses=run.courses)
+        else:
+            unknown.draw(loaded, run.kept, known, plot)
         result["plot"] = str(plot)
     if animate is not None:
         play(loaded, run.kept, known, animate)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from trackfield.network.kinds import Family
     from trackfield.network.site import Site
     from trackfield.pipeline.runs import ReadingsTracker
+    from trackfield.plotting.tagged import Course
     from trackfield.types import Tracks, Truth
 
 # What is told of the tracker's counts, in which words.
@@ -119,11 +120,13 @@ def run_tracker(
         "readings": dict(tracker.counts),
     }
     told = _told(tracker)
+    found = trajectories.every(passes) if passes is not None else ()
     if passes is not None:
-        numbers |= trajectories.numbers(passes)
-        told += trajectories.told(passes)
+        numbers |= trajectories.numbers(found)
+        told += trajectories.told(found)
     numbers |= sink.numbers
-    return Outcome(numbers, [*told, *sink.told], warnings, sink.kept)
+    drawn = trajectories.courses(found, survey.timing) if wanted.keep else ()
+    return Outcome(numbers, [*told, *sink.told], warnings, sink.kept, drawn)
 
 
 def _told(tracker: ReadingsTracker) -> list[str]:
@@ -146,8 +149,15 @@ def _dropped(site: Site, counts: Mapping[str, int]) -> list[str]:
     ]
 
 
-def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> None:
-    """Draw tracks, with truth and errors if truth is known."""
+def draw(
+    site: Site,
+    chunks: list[Tracks],
+    truth: Truth | None,
+    path: Path,
+    *,
+    courses: Sequence[Course] = (),
+) -> None:
+    """Draw tracks and trajectories, with truth and errors if truth is known."""
     from trackfield.metrics.error import match
     from trackfield.plotting.style import save
     from trackfield.plotting.tagged import Errors, plot_tracks
@@ -156,4 +166,4 @@ def draw(site: Site, chunks: list[Tracks], truth: Truth | None, path: Path) -> N
     tracks = join_rows(chunks)
     matched = match(truth, tracks) if truth is not None else None
     errors = Errors(matched.row, matched.error) if matched is not None else None
-    save(plot_tracks(site, tracks, truth=truth, errors=errors), path)
+    save(plot_tracks(site, tracks, truth=truth, errors=errors, courses=courses), path)

@@ -3,25 +3,46 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from trackfield.network.timing import Timing
     from trackfield.pipeline.trajectories import Trajectory, TrajectoryTracker
+    from trackfield.plotting.tagged import Course
 
 _SURE = 0.9995  # weight of a trajectory beside which there is no other
 _LISTED = 8  # sensors, at most, that a line names
 
 
-def numbers(tracker: TrajectoryTracker) -> dict[str, Any]:
+def every(tracker: TrajectoryTracker) -> tuple[Trajectory, ...]:
+    """Trajectories of the run, those that are over and the last ones, in order of their tracks."""
+    return tuple(sorted([*tracker.ended, *tracker.trajectories], key=lambda one: one.track))
+
+
+def numbers(found: Sequence[Trajectory]) -> dict[str, Any]:
     """Give the trajectories as plain objects, for `--json`."""
-    return {"trajectories": [one.to_dict() for one in _every(tracker)]}
+    return {"trajectories": [one.to_dict() for one in found]}
 
 
-def told(tracker: TrajectoryTracker) -> list[str]:
+def told(found: Sequence[Trajectory]) -> list[str]:
     """Say of each trajectory who passed, where and how fast, with a standard deviation each."""
-    return [line for one in _every(tracker) for line in _lines(one)]
+    return [line for one in found for line in _lines(one)]
+
+
+def courses(found: Sequence[Trajectory], timing: Timing) -> list[Course]:
+    """Where trajectories lie from the first to the last time of a run."""
+    from trackfield.plotting.tagged import Course
+
+    span = timing.first_s, timing.last_s
+    return [
+        Course(
+            np.stack([one.position + (t_s - one.t_s) * one.velocity for t_s in span]), one.weight
+        )
+        for one in found
+    ]
 
 
 def doubts(tracker: TrajectoryTracker) -> list[str]:
@@ -36,11 +57,6 @@ def doubts(tracker: TrajectoryTracker) -> list[str]:
     ]
     lost = tracker.counts["unexplained"]
     return said + ([f"{lost} messages fit no trajectory"] if lost else [])
-
-
-def _every(tracker: TrajectoryTracker) -> list[Trajectory]:
-    """Trajectories of the run, those that are over and the last ones, in order of their tracks."""
-    return sorted([*tracker.ended, *tracker.trajectories], key=lambda one: one.track)
 
 
 def _lines(one: Trajectory) -> list[str]:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +26,8 @@ from trackfield.plotting.style import (
 )
 from trackfield.types import Matrix, Status, Tracks, Truth, Vector
 
-ELLIPSES = 40  # drawn along a track
+ELLIPSES = 40  # drawn along a track, at most
+_FEW = 60  # rows, up to which each is marked
 
 
 class Errors(NamedTuple):
@@ -36,18 +37,33 @@ class Errors(NamedTuple):
     error: Matrix
 
 
+class Course(NamedTuple):
+    """A straight pass: where it begins and ends (2, 2) [m], and how likely it is this one."""
+
+    ends: Matrix
+    weight: float
+
+
 def plot_tracks(
-    site: Site, tracks: Tracks, *, truth: Truth | None = None, errors: Errors | None = None
+    site: Site,
+    tracks: Tracks,
+    *,
+    truth: Truth | None = None,
+    errors: Errors | None = None,
+    courses: Sequence[Course] = (),
 ) -> Figure:
     """Draw sensors, truth and tracks with 95 % ellipses, and beside it accuracy over time.
 
     `errors` are those of the tracks against the truth; without them the ellipses' size is shown.
-    Below it stand the innovations, if there are any.
+    Below it stand the innovations, if there are any. `courses` are drawn the fainter the less
+    likely they are.
     """
     figure = new_figure(12.0, 6.4)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1.0), height_ratios=(2.0, 1.0))
     shown = (tracks.status == Status.CONFIRMED) | (tracks.status == Status.COASTING)
-    _draw_map(figure.add_subplot(grid[:, 0]), site, tracks, shown=shown, truth=truth)
+    place = figure.add_subplot(grid[:, 0])
+    _draw_courses(place, courses)
+    _draw_map(place, site, tracks, shown=shown, truth=truth)
     judged = not np.isnan(tracks.nis[shown]).all()  # trajectories of passes have no innovations
     top = figure.add_subplot(grid[0, 1] if judged else grid[:, 1])
     _draw_accuracy(top, tracks, shown, errors=errors)
@@ -76,7 +92,10 @@ def _draw_map(
         rows = np.flatnonzero(own & shown)
         x, y, _ = broken(tracks.t_s[rows], tracks.position[rows]).T
         label = "track" if len(names) == 1 else f"track of {name}"
-        axes.plot(x, y, color=colour, linewidth=1.0, label=label, zorder=3)
+        marker = "o" if rows.size <= _FEW else ""
+        axes.plot(
+            x, y, color=colour, linewidth=1.0, marker=marker, markersize=3, label=label, zorder=3
+        )
         label = "95 % ellipse" if i == 0 else None
         _draw_ellipses(axes, tracks, rows, colour=colour, label=label)
     frame_map(axes, "Where it was")
@@ -85,6 +104,20 @@ def _draw_map(
     figure = axes.get_figure(root=True)
     if figure is not None:
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower left", ncols=6)
+
+
+def _draw_courses(axes: Axes, courses: Sequence[Course]) -> None:
+    for i, course in enumerate(courses):
+        label = "trajectory" if i == 0 else None
+        axes.plot(
+            *course.ends.T,
+            color=PALETTE[0],
+            linestyle="--",
+            linewidth=1.2,
+            alpha=max(0.15, min(1.0, course.weight)),
+            label=label,
+            zorder=2,
+        )
 
 
 def _draw_sensors(axes: Axes, site: Site) -> None:
@@ -98,12 +131,15 @@ def _draw_sensors(axes: Axes, site: Site) -> None:
 def _draw_ellipses(
     axes: Axes, tracks: Tracks, rows: NDArray[np.intp], *, colour: str, label: str | None
 ) -> None:
-    """Draw the 95 % ellipses of rows at even times."""
+    """Draw the 95 % ellipses of rows at even times, the small ones where they would overlap."""
     if rows.size == 0:
         return
     t = tracks.t_s[rows]
     times: Vector = t[0] + (t[-1] - t[0]) * np.arange(ELLIPSES) / (ELLIPSES - 1)
     rows = rows[np.unique(np.minimum(np.searchsorted(t, times), rows.size - 1))]
+    rows = rows[
+        _apart(tracks.position[rows, :2], SIGMAS_95 * np.sqrt(_largest(tracks.covariance[rows])))
+    ]
     xx, xy, yy = tracks.covariance[rows].T
     largest = _largest(tracks.covariance[rows])
     size = 2.0 * SIGMAS_95 * np.sqrt(np.maximum([largest, xx + yy - largest], 0.0))
@@ -125,6 +161,16 @@ def _draw_ellipses(
     axes.plot([], [], "o", color=f"{colour}30", markeredgecolor=colour, markersize=9, label=label)
 
 
+def _apart(centres: Matrix, radius: Vector) -> NDArray[np.intp]:
+    """Choose rows (m,) whose discs hold no other one's centre, the smaller discs first."""
+    kept: list[int] = []
+    for row in np.argsort(radius, kind="stable").tolist():
+        gaps = np.hypot(*(centres[kept] - centres[row]).T)
+        if np.all(gaps >= radius[row]):
+            kept.append(row)
+    return np.array(sorted(kept), np.intp)
+
+
 def _draw_accuracy(
     axes: Axes, tracks: Tracks, shown: NDArray[np.bool_], *, errors: Errors | None
 ) -> None:
@@ -142,7 +188,9 @@ def _draw_accuracy(
         axes.fill_between(t, b, color=colour, alpha=0.2, linewidth=0, label=f"95 % bound{of}")
         mine = own[errors.rows]
         size = np.column_stack([tracks.t_s[errors.rows], np.hypot(*errors.error[:, :2].T)])[mine]
-        axes.plot(*broken(size[:, 0], size).T, label=f"error{of}", **style)
+        marker = "o" if len(size) <= _FEW else ""
+        line = broken(size[:, 0], size).T
+        axes.plot(*line, label=f"error{of}", marker=marker, markersize=3, **style)
     top = [bound[shown]]
     if errors is not None and errors.rows.size:
         top.append(1.1 * np.hypot(*errors.error[:, :2].T))
