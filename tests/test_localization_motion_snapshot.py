@@ -38,7 +38,7 @@ def nearest(fit, state):
 def test_six_sizes_of_motion_have_the_true_state_among_those_returned(frame):
     rng = np.random.default_rng(66)
     found = 0
-    for _ in range(40):
+    for _ in range(25):
         sensors, state = scene(rng, 6)
         if frame == "rectangle":
             scale = np.array([0.6, 0.3])
@@ -47,32 +47,32 @@ def test_six_sizes_of_motion_have_the_true_state_among_those_returned(frame):
         fit = locate(sensors, straight(sensors, state, NOW, model=SIZES).given.value, SIZES)
         found += nearest(fit, state) < 1e-5
         assert fit.verdict in {Verdict.EITHER_WAY, Verdict.SEVERAL}
-    assert found == 40
+    assert found == 25
 
 
 def test_with_noise_the_maximum_next_to_the_truth_is_among_those_returned():
     rng = np.random.default_rng(67)
     model = MotionRateModel(sigma=0.002)
     found = 0
-    for _ in range(40):
+    for _ in range(25):
         sensors, state = scene(rng, 6)
         run = straight(sensors, state, NOW, model=model, rng=rng)
         there = refine(run.given, state[None], search=MotionSearch(reach_m=10.0))
         found += nearest(locate(sensors, run.given.value, model), there.state[0]) < 1e-3
-    assert found >= 39
+    assert found >= 24
 
 
 @pytest.mark.parametrize(("model", "count"), [(RATES, 4), (RATES, 6)])
 def test_angular_rates_have_the_true_state_among_those_returned(model, count):
     rng = np.random.default_rng(68)
     found, unique = 0, 0
-    for _ in range(10):
+    for _ in range(6):
         sensors, state = scene(rng, count)
         fit = locate(sensors, straight(sensors, state, NOW, model=model).given.value, model)
         found += nearest(fit, state) < 1e-5
         unique += fit.verdict is Verdict.UNIQUE
-    assert found == 10
-    assert unique >= (8 if count == 6 else 0)
+    assert found == 6
+    assert unique >= (4 if count == 6 else 0)
 
 
 def test_six_sizes_in_space():
@@ -87,26 +87,25 @@ def test_six_sizes_in_space():
 
 def test_four_sensors_leave_all_states_that_an_exhaustive_search_finds():
     rng = np.random.default_rng(70)
-    for _ in range(2):
-        state = np.array([*rng.uniform(-0.25, 0.25, 2), *rng.normal(scale=0.1, size=2)])
-        given = straight(RECTANGLE, state, NOW, model=SIZES).given
-        fit = locate(RECTANGLE, given.value, SIZES)
-        ours = [m.state for m in fit.modes if m.cost < 1e-12]
+    state = np.array([*rng.uniform(-0.25, 0.25, 2), *rng.normal(scale=0.1, size=2)])
+    given = straight(RECTANGLE, state, NOW, model=SIZES).given
+    fit = locate(RECTANGLE, given.value, SIZES)
+    ours = [m.state for m in fit.modes if m.cost < 1e-12]
 
-        def equations(x, b=given.value):
-            seen = motion_vector.sighting(RECTANGLE, x)
-            return motion_vector.scalar_residual(seen, b).value / 1e-3
+    def equations(x):
+        seen = motion_vector.sighting(RECTANGLE, x)
+        return motion_vector.scalar_residual(seen, given.value).value / 1e-3
 
-        for _ in range(300):
-            start = np.array([*rng.uniform(-0.8, 0.8, 2), *rng.normal(scale=0.3, size=2)])
-            x, info, code, _ = fsolve(equations, start, full_output=True, xtol=1e-13)
-            exact = code == 1 and np.abs(info["fvec"]).max() < 1e-9
-            if exact and np.linalg.norm(x[:2]) < 0.9 and np.linalg.norm(x[2:]) > 1e-3:
-                read = motion_rate.strength(SIZES, RECTANGLE, states=x)
-                if np.abs(read - given.value).max() < 1e-9:
-                    assert min(np.abs(x - y).max() for y in ours) < 1e-5
-        assert fit.verdict is Verdict.SEVERAL
-        assert len(ours) % 2 == 0
+    for _ in range(300):
+        start = np.array([*rng.uniform(-0.8, 0.8, 2), *rng.normal(scale=0.3, size=2)])
+        x, info, code, _ = fsolve(equations, start, full_output=True, xtol=1e-13)
+        exact = code == 1 and np.abs(info["fvec"]).max() < 1e-9
+        if exact and np.linalg.norm(x[:2]) < 0.9 and np.linalg.norm(x[2:]) > 1e-3:
+            read = motion_rate.strength(SIZES, RECTANGLE, states=x)
+            if np.abs(read - given.value).max() < 1e-9:
+                assert min(np.abs(x - y).max() for y in ours) < 1e-5
+    assert fit.verdict is Verdict.SEVERAL
+    assert len(ours) % 2 == 0
 
 
 def test_every_state_is_followed_by_the_one_with_the_opposite_velocity():

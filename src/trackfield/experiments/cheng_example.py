@@ -44,7 +44,7 @@ class Size(NamedTuple):
     moments: int
 
 
-FULL, QUICK = Size(20, 30), Size(2, 3)
+FULL, QUICK = Size(20, 30), Size(1, 2)
 
 
 class Run(NamedTuple):

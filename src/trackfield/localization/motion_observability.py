@@ -172,7 +172,7 @@ def _of_sight(velocity: Vector, offsets: Matrix) -> str:
 
 
 def _similar(way: Vector, sensors: Matrix, state: Vector) -> str | None:
-    """Name a way that turns the scene about a sensor, or blows it up; None if it does neither.
+    """Name a way that turns the scene about a sensor and blows it up; None if it does not.
 
     With z = x + i y, the velocity changes by c v for a complex c, and the place by c (x - s): s is
     then the point that stays.
@@ -184,10 +184,6 @@ def _similar(way: Vector, sensors: Matrix, state: Vector) -> str | None:
     near = int(np.argmin(away))
     if away[near] > _ALIKE * max(abs(x - fixed), abs(dx / c)):
         return None
-    if abs(c.real) <= _ALIKE * abs(c):
-        return f"the whole scene turned about sensor {near}"
-    if abs(c.imag) <= _ALIKE * abs(c):
-        return f"the whole scene, velocity too, blown up about sensor {near}"
     return f"the whole scene, velocity too, turned and blown up about sensor {near}"
 
 
