@@ -339,6 +339,25 @@ def test_a_lag_longer_than_the_run_tells_all_of_it_in_the_end():
         assert np.all(tracks.status == Status.CONFIRMED)
 
 
+def test_nothing_is_sure_by_ends_of_passes_alone():
+    """Records that begin when the target has passed hold a tail, which may be anything's."""
+    rng, site = np.random.default_rng(22), site_of(WORDS, 6)
+    times = np.arange(30.0, 55.0)
+    profiles = told(TARGETS[:1], amplitude_model(WORDS), rng, times=times, sensors=FIELD[:6])[0]
+    word = encode(WORDS, profile_of(profiles), end_s=54.0)
+    tails = table(site, np.full(6, 54.0), range(6), word, kind="energy_message")
+    assert not np.any(run(site, tails)[1].status == Status.CONFIRMED)
+
+
+def test_a_pass_far_away_waits_for_what_is_still_to_be_said_of_it():
+    site, readings = words(23, k=8)
+    tracker = TrajectoryTracker(site)
+    tracker.process(readings)
+    none = select_rows(readings, slice(0, 0))
+    assert len(tracker.process(none, watermark_s=60.0)) == 0  # it is 9 km away by now
+    assert tracker.process(none, watermark_s=90.0).status.tolist() == [Status.ENDED]
+
+
 def test_a_silent_pass_ends_after_a_while():
     site, readings = words(15, k=8)
     patient = replace(site, tracker=TrackerSettings(drop_s=30.0))

@@ -20,13 +20,17 @@ _ROWS_A_LAG = 20
 
 
 class PassRules(NamedTuple):
-    """When a pass that says no more ends, which rows are asked for [s], and where sensors stand."""
+    """When a pass that says no more ends, which rows are asked for [s], and where sensors stand.
+
+    `patience_s` is how much later than the target somebody may speak of it.
+    """
 
     drop_s: float
     lag_s: float
     every_s: float
     middle: tuple[float, float]
     radius_m: float
+    patience_s: float = 0.0
 
 
 class PassRow(NamedTuple):
@@ -116,9 +120,10 @@ class LivePass:
         """Tell whether nothing more is to be heard of it: long silent, or far away."""
         if now_s - self.heard_s > rules.drop_s:
             return True
-        if not self.belief.modes or now_s <= self.belief.start_s:
+        then_s = now_s - rules.patience_s
+        if not self.belief.modes or then_s <= self.belief.start_s:
             return False
-        x, y = self.belief.places(now_s)[0].tolist()
+        x, y = self.belief.places(then_s)[0].tolist()
         apart = math.hypot(x - rules.middle[0], y - rules.middle[1])
         return apart > _FAR * max(rules.radius_m, 1.0)
 

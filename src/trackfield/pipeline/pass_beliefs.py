@@ -11,6 +11,7 @@ import numpy as np
 from trackfield.filtering.scans import Shown
 from trackfield.linalg import cholesky
 from trackfield.localization.pass_fusion import (
+    LEAST_SENSORS,
     PASS_REASONS,
     SURE,
     VAGUE,
@@ -37,6 +38,7 @@ _FEW = 6  # messages of which all pairs are starts: mirror images are not to be 
 _THOROUGH = PassSettings(starts="all", searches=24)
 _MOST_SEARCHED = 3000  # samples with which other trajectories are looked for all over
 _WITHIN = 12.0  # log-likelihood by which a trajectory may be worse than the best
+_SEEN = 0.25  # widths of a pass that a record must hold on both sides of the closest approach
 _SAME = 1.0  # squared distance of two ends of a search that are one
 
 
@@ -99,10 +101,25 @@ UNKNOWN = PassBelief(0.0, (), PassVerdict.NOTHING)
 
 
 def by_messages(messages: Sequence[SensorMessage]) -> PassBelief:
-    """Fuse messages of one pass; positions are told at the middle of what they say."""
+    """Fuse messages of one pass; positions are told at the middle of what they say.
+
+    Nothing is sure unless three sensors had the closest approach in their records: a profile that
+    is only the beginning or the end of a pass says less than its numbers pretend.
+    """
     start_s = float(np.median([float(m.profile.t_max_s) for m in messages]))
     settings = _THOROUGH if len(messages) <= _FEW else None
-    return belief_of(fuse(together(messages, start_s=start_s), settings=settings), start_s)
+    found = belief_of(fuse(together(messages, start_s=start_s), settings=settings), start_s)
+    if len({(m.x_m, m.y_m) for m in messages if _saw_it_pass(m)}) < LEAST_SENSORS:
+        return found._replace(verdict=max(found.verdict, PassVerdict.UNCERTAIN))
+    return found
+
+
+def _saw_it_pass(message: SensorMessage) -> bool:
+    """Tell whether a record holds the closest approach, with some of the rise and of the fall."""
+    first_s, end_s = message.first_s, message.first_s + message.step_s * (message.samples - 1)
+    margin_s = _SEEN * float(message.profile.width_s)
+    inside = first_s + margin_s <= float(message.profile.t_max_s) <= end_s - margin_s
+    return bool(message.profile.a_max > 0.0 and inside)
 
 
 def belief_of(passes: Passes, start_s: float) -> PassBelief:

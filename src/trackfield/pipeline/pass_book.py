@@ -65,9 +65,10 @@ class PassBook:
     now_s: float = -math.inf
 
     def unexplained(self) -> tuple[Key, ...]:
-        """Messages that are of no pass."""
+        """Messages that heard something and are of no pass."""
         taken = frozenset[Key]().union(*(one.keys for one in self.live))
-        return tuple(sorted(set(self.messages) - taken))
+        heard = {key for key, message in self.messages.items() if message.profile.a_max > 0.0}
+        return tuple(sorted(heard - taken))
 
     def told(self, key: Key, message: SensorMessage, now_s: float) -> list[PassRow]:
         """Take a message, new or in the place of an earlier one; the rows that change by it."""
@@ -77,7 +78,11 @@ class PassBook:
                 rows += self._end(one, self.now_s)
             self.messages.clear()
         self.messages[key] = message
+        before = list(self.live)
         changed = self._joined(key) or self._regrouped()
+        for one in before:
+            if one not in self.live and one.confirmed:
+                rows += one.at(self.now_s, Status.ENDED)
         for one in sorted(changed, key=lambda one: min(one.keys)):
             rows += self._believed(one)
         return rows

@@ -63,7 +63,9 @@ def pass_rules(site: Site, *, lag_s: float, every_s: float) -> PassRules:
     middle = place.mean(axis=0) if len(place) else np.zeros(2)
     radius = float(np.linalg.norm(place - middle, axis=1).max(initial=0.0))
     x, y = middle.tolist()
-    return PassRules(site.tracker.drop_s, lag_s, every_s, (x, y), radius)
+    records = [m.record_s for m in site.models if isinstance(m, EnergyMessageModel)]
+    patience_s = max(records, default=0.0)
+    return PassRules(site.tracker.drop_s, lag_s, every_s, (x, y), radius, patience_s)
 
 
 def fades(model: SensorModel) -> bool:

@@ -238,6 +238,8 @@ class TrajectoryTracker:
         self._counts["nothing"] += not seen
         known.append((t_s, word))
         del known[:-_RECENT]
+        if not seen:  # it may have heard a little: less than it would tell
+            return self._rows(target, self._books[target].advance(self._newest_s))
         said = Said(_pass_number(self._books[target], message), message)
         return self._told(target, sensor, said, self._newest_s)
 
