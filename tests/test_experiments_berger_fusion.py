@@ -27,7 +27,7 @@ def found():
 
 
 def test_with_ten_sensors_ours_is_as_good_as_all_samples(found):
-    """Ten runs of four SNRs: RMSE within a third of the bound, and close to that of all samples."""
+    """Eight runs of each SNR: RMSE within a third of the bound, and close to all samples."""
     for name, errors in found.errors.items():
         for c in (COUNTS.index(10), COUNTS.index(20)):
             ours = errors.ratio(OURS, 1, all_runs=True)[c]

@@ -85,8 +85,14 @@ def _fading(found: BergerFusion, name: str) -> Figure:
             left.plot(part.snr_db, rmse, style, color=PALETTE[c], lw=width, ms=4, label=label)
         left.plot(part.snr_db, errors.bound[c, :, 1], "--", color=PALETTE[c], alpha=0.5)
     _decorate(left, "RMSE of x0 [km]")
-    left.legend(fontsize=8, title="solid: ours, thin: all samples, dotted: paper, dashed: bound")
-    left.get_legend().get_title().set_fontsize(7)
+    figure.legend(
+        *left.get_legend_handles_labels(),
+        loc="outside lower left",
+        ncols=5,
+        fontsize=8,
+        title="solid: ours, thin: all samples, dotted: paper, dashed: bound",
+        title_fontsize=8,
+    )
     _kept(right, found, name)
     figure.suptitle(part.title)
     return figure
