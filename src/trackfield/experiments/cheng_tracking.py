@@ -89,8 +89,8 @@ def findings(found: ChengTracking) -> tuple[str, ...]:
         "last ones, not for good ones; the paper does not measure it.",
         f"Sensors that speak only above {cheng_switching.THRESHOLD_RAD_S:g} rad/s say "
         f"{100 * silent.spoken:.0f} % of their readings; believing their silence changes the "
-        f"RMSE by {-gain:+.0f} % ({1e3 * silent.rmse(0):.1f} to {1e3 * silent.rmse(1):.1f} mm). The "
-        "threshold is the one of four tried at which silence helped most; at 0.5 rad/s it did harm.",
+        f"RMSE by {-gain:+.0f} % ({1e3 * silent.rmse(0):.1f} to {1e3 * silent.rmse(1):.1f} mm). "
+        "Of four thresholds tried it is the one at which silence helped most; at 0.5 it did harm.",
     )
 
 
