@@ -28,10 +28,13 @@ class Readings:
     def __init__(self, prior, sensors, value):
         self.sensors = sensors
         self.plain = angle_readings.AngleReadings(sensors, value)
+        self.sized = (sensors.says == Says.MOTION) & (prior.mean.shape[-1] == 4)
+        if self.sized.any() and not self.sized.all():
+            signed = type(sensors)(*(column[~self.sized] for column in sensors))
+            prior = iterated(prior, signed, value[..., ~self.sized]).update.posterior
         h, H = self.predict(prior.mean), self.jacobian(prior.mean)
         R = np.broadcast_to(sensors.sigma**2, h.shape)
         S = np.einsum("...mi,...ij,...mj->...m", H, prior.covariance, H) + R
-        self.sized = (sensors.says == Says.MOTION) & (prior.mean.shape[-1] == 4)
         sign = np.tanh(h * value / S)
         self.z = np.where(self.sized, sign * value, value)
         self.R = np.where(self.sized, R + (1.0 - sign**2) * value**2, R)
@@ -56,6 +59,11 @@ class Readings:
         return cross / np.hypot(off[..., 0], off[..., 1]) ** (self.sensors.falloff + 1.0)
 
 
+def iterated(prior, sensors, value):
+    readings = Readings(prior, sensors, value)
+    return extended.iterate(prior, readings.z, readings, weigh=weigh, iteration=ITERATION)
+
+
 def advance(modes, sensors, value, *, dt_s, motions):
     """Return the modes (H, M) after a step, their log likelihood (H,), and the prior's moments."""
     d = modes.beliefs.mean.shape[-1] // 2
@@ -65,8 +73,7 @@ def advance(modes, sensors, value, *, dt_s, motions):
 
     def rule(belief, z):
         del z
-        readings = Readings(belief, sensors, value)
-        found = extended.iterate(belief, readings.z, readings, weigh=weigh, iteration=ITERATION)
+        found = iterated(belief, sensors, value)
         t = np.clip(found.noise.trust, 1e-12, 1 - 1e-12)
         doubt = t * np.log(t / usual) + (1 - t) * np.log((1 - t) / (1 - usual))
         log_likelihood = found.update.log_likelihood - doubt.sum(-1)

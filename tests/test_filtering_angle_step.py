@@ -11,6 +11,7 @@ from scipy import stats
 import angle_twin
 from angle_runs import CORNERS, site_of
 from trackfield.filtering import angle_hypotheses, angle_readings, angle_step, interacting
+from trackfield.filtering.angle_readings import Says
 from trackfield.filtering.angle_step import AngleMotions, HeardAngles
 from trackfield.sensing.angular_rate import AngularRateModel
 from trackfield.sensing.bearing import BearingModel
@@ -166,3 +167,19 @@ def test_a_sensor_that_moves_tracks_as_well_as_one_that_stands():
     e = track.whole.mean[0] - state
     assert np.hypot(*e[:2]) < 0.08
     assert e @ np.linalg.solve(track.whole.covariance[0], e) < 13.3  # 99 % of chi-square, 4
+
+
+def test_motion_takes_the_sign_that_the_other_readings_give_it_after_a_turn_back():
+    around = [(-3, -4), (2, -4), (7, -4), (7, 0), (7, 4), (2, 4), (-3, 4), (-3, 0), (-1, -5)]
+    models = [BearingModel(0.05), AngularRateModel(0.02), MotionRateModel(sigma=0.02)] * 3
+    sensors = sensors_of(models, around)
+    start = Gaussian(np.array([[1.0, 0.0, 1.0, 0.0]]), np.diag([2e-3, 2e-3, 3e-3, 3e-3])[None])
+    track = angle_hypotheses.fresh(start, t_s=0.0, modes=2)
+    motions = AngleMotions((0.0003, 0.5), (10.0, 2.0))
+    for k in range(1, 13):
+        truth = np.array([1.0 - 0.25 * k, 0.0, -1.0, 0.0])
+        value = angle_readings.expected(sensors, truth)
+        value = np.where(sensors.says == Says.MOTION, np.abs(value), value)
+        heard = angle_step.spoken(sensors, value)
+        track = angle_step.advance(track, heard, t_s=0.25 * k, motions=motions).track
+        assert np.linalg.norm(track.whole.mean[0, :2] - truth[:2]) < 0.5

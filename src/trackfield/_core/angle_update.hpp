@@ -77,9 +77,12 @@ class Update {
         rows_.resize(looks.size());
     }
 
-    // Plain readings for the prior: signs and silence by what it expects of them.
+    // Plain readings for the prior: silence by what it expects, signs by what it does together with
+    // the readings that have one. After a sharp turn the prior alone would take the wrong ones, and so
+    // believe itself.
     void prepare(const Belief &prior, double *chances) {
         silent_log_ = 0;
+        const Belief signs = after_signed(prior);
         for (size_t i = 0; i < looks_.size(); ++i) {
             const Look &look = looks_[i];
             Row &row = rows_[i];
@@ -89,8 +92,11 @@ class Update {
             Evidence evidence{look.value, R};
             if (!row.heard)
                 evidence = silence(look, prior.m, row.h, S, R);
-            else if (unsigned_in_plane(look, prior.m, d_))
-                evidence = of_size(look.value, row.h, S, R);
+            else if (unsigned_in_plane(look, prior.m, d_)) {
+                double H[kMost];
+                const double h = expected(look, signs.m, d_, H);
+                evidence = of_size(look.value, h, form(H, signs.P, n_) + R, R);
+            }
             row.z = evidence.z;
             row.base = row.variance = evidence.R;
             row.trust = 1.0;
@@ -134,6 +140,17 @@ class Update {
     }
 
   private:
+    // The prior after the readings that were heard with a sign, where there are others without.
+    Belief after_signed(const Belief &prior) const {
+        std::vector<Look> with, without;
+        for (const Look &look : looks_)
+            if (!look.silent()) (unsigned_in_plane(look, prior.m, d_) ? without : with).push_back(look);
+        if (with.empty() || without.empty()) return prior;
+        Update signed_only(with, rules_, d_);
+        signed_only.prepare(prior, nullptr);
+        return signed_only.run(prior).posterior;
+    }
+
     Evidence silence(const Look &look, const double *m, double mean, double S, double R) const {
         const Offset o = offset_of(look, m, d_);
         const double r = std::sqrt(o.x[0] * o.x[0] + o.x[1] * o.x[1] + o.x[2] * o.x[2]);

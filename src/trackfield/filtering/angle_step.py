@@ -5,8 +5,9 @@ whose modes take iterated updates, as `interacting` and `extended.iterate` do. R
 mixture of usual ones and outliers, and count with their mean precision (EM), which costs next to
 nothing where there are no outliers. Outliers in every reading at once are an unlikely excuse, so
 each mode's likelihood pays for what it sets aside. Motion in the plane has a sign that its sensor
-does not tell: the prediction tells it, as far as it can. And a sensor with a threshold says
-something by its silence: |rate| < threshold, unless it is broken.
+does not tell: the prediction tells it together with the bearings and rates of the scan, as far as
+they can. And a sensor with a threshold says something by its silence: |rate| < threshold, unless it
+is broken.
 """
 
 from __future__ import annotations
