@@ -195,6 +195,26 @@ def test_a_named_target_that_comes_back_makes_another_pass():
     np.testing.assert_allclose(one.velocity, TARGETS[1, 3:], atol=8.0)
 
 
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize(("sigma", "apart_s"), [(0.1, 120.0), (0.05, 500.0)])
+def test_each_of_many_passes_is_told_once(sigma, apart_s, named):
+    passes = [(0, k * apart_s) for k in range(3)]
+    model, times = replace(LOUD, sigma=sigma), np.arange(3.0 * apart_s)
+    site, readings = heard(7, model=model, passes=passes, times=times)
+    if named:
+        target = np.zeros(len(readings), np.int32)
+        readings = replace(readings, target=target, target_ids=("bus",))
+    tracker, _ = run(site, readings)
+    told = [one for one in (*tracker.ended, *tracker.trajectories) if one.weight > 0.95]
+    assert len(told) == len(passes)
+    for one, (which, late) in zip(told, passes, strict=True):
+        np.testing.assert_allclose(one.velocity, TARGETS[which, 3:], rtol=0.1)
+        place = TARGETS[which, 1:3] + (one.t_s - late) * TARGETS[which, 3:]
+        assert np.linalg.norm(one.position - place) < 5.0 * np.sqrt(
+            np.trace(one.covariance[1:3, 1:3])
+        )
+
+
 def test_memory_is_bounded():
     record, ears = PassRecord(0, 0.0, 0.0, LOUD), Ears(0.0, 0.0, LOUD, [], [])
     for k in range(9000):

@@ -19,6 +19,9 @@ _PASSED = 1.0  # widths after the closest approach, where half the amplitude is 
 _GONE = 3.0  # the same, where a fifth is left in free space: the record of this pass ends
 _PEAK = 3.0  # standard deviations: without any sample so strong nothing is looked for
 _PATIENCE = 16  # a record is fitted again when it has grown by one part in so many
+_SMOOTHED = 32  # what was left off before is looked for in means of one part in so many of a record
+_FALLEN = 2.0  # standard errors by which it falls before what follows rises,
+_RISES = 6.0  # and by which that does
 _WHOLE = (Quality.GOOD, Quality.CLIPPED)
 _PARTIAL = (*_WHOLE, Quality.NOT_PASSED, Quality.FLAT, Quality.EMPTY)
 
@@ -75,6 +78,8 @@ class PassRecord:
         later = self.told or self.pass_number > 0  # after a pass, what is left over is no news
         if later and (quality not in _WHOLE or float(found.gain) < _LOUD):
             return None
+        if not (self.told or self._is_news()):
+            return None
         return self._said(found) if quality in _PARTIAL else None
 
     def _judged(self, found: ProfileFit, now_s: float) -> Said | None:
@@ -82,7 +87,9 @@ class PassRecord:
         since = (now_s - float(found.profile.t_max_s)) / float(found.profile.width_s)
         clear = quality in _WHOLE and float(found.gain) > _LOUD
         if not self.told:
-            if not (clear and since >= _PASSED):
+            if quality == Quality.MISFIT:
+                self._leave_behind()
+            if not (clear and since >= _PASSED and self._is_news()):
                 return None
             self.told = True
             return self._said(found)
@@ -100,6 +107,34 @@ class PassRecord:
         self._begin(len(self.t_s))
         self.pass_number += 1
         self.told = False
+
+    def _is_news(self) -> bool:
+        """Tell whether this is more than the end of the pass before: that one only falls."""
+        return self.pass_number == 0 or self._valley()[2] > _RISES
+
+    def _leave_behind(self) -> None:
+        """Forget what falls before it rises again: the end of the pass of a target before."""
+        low, fall, rise = self._valley()
+        if fall > _FALLEN and rise > _RISES:
+            self._begin(low)
+
+    def _valley(self) -> tuple[int, float, float]:
+        """Find where the amplitude is least before it is greatest, in means of some samples.
+
+        Also how far it has fallen since the record's beginning, and how far it rises then, in
+        standard errors.
+        """
+        value = np.array(self.value)
+        width = max(LEAST_SAMPLES, len(value) // _SMOOTHED)
+        if len(value) < 4 * width:
+            return 0, 0.0, 0.0
+        mean = np.convolve(value, np.full(width, 1.0 / width), "valid")
+        high = int(mean.argmax())
+        low = int(mean[: high + 1].argmin())
+        fading = self.model.fading == "rayleigh"
+        error = np.sqrt(2.0 / width) * np.hypot(self.model.sigma, mean[[0, high]] * fading)
+        fall, rise = (mean[[0, high]] - mean[low]) / error
+        return low + width // 2, float(fall), float(rise)
 
     def _begin(self, first: int) -> None:
         """Forget the samples before number `first`."""
