@@ -287,15 +287,62 @@ def test_the_last_word_does_not_depend_on_the_order_of_messages():
 
 
 def test_there_is_an_estimate_after_each_message_ambiguous_ones_as_tracks_of_their_own():
+    """Records that end one after the other: a row each, told when the next one begins."""
     site, readings = words(10, k=6, tagged=True)
+    readings = replace(readings, t_s=readings.t_s + 1e-3 * np.arange(6))
     tracker = TrajectoryTracker(site)
-    rows = [tracker.process(select_rows(readings, slice(k, k + 1))) for k in range(6)]
-    assert [len(part) > 0 for part in rows] == [False, *[True] * 5] or len(rows[1]) > 0
-    two = rows[1]
+    rows, known = [], []
+    for k in range(6):
+        rows.append(tracker.process(select_rows(readings, slice(k, k + 1))))
+        known.append(len(tracker.trajectories))
+    assert [len(part) > 0 for part in rows] == [False, False, True, True, True, True]
+    assert known[0] == 0 < known[1]
+    two = rows[2]
+    assert np.all(two.t_s == readings.t_s[1])
     assert np.all(two.status == Status.TENTATIVE)
     assert np.unique(two.track).size == len(two) > 1
-    tracker.finish()
+    last = tracker.finish()
+    assert last.t_s.tolist() == [readings.t_s[5]]
     assert tracker.trajectories[0].verdict == "good"
+
+
+@pytest.mark.parametrize("tagged", [False, True])
+def test_the_row_of_a_time_knows_all_that_was_said_then(tagged):
+    site, readings = words(10, k=7, tagged=tagged)
+    none = select_rows(readings, slice(0, 0))
+    one = select_rows(readings, slice(0, 1))
+    next_time = replace(one, t_s=one.t_s + 0.5, value=np.zeros(1))
+    for ending in ("message", "watermark", "finish"):
+        tracker = TrajectoryTracker(site)
+        held = [tracker.process(select_rows(readings, slice(k, k + 1))) for k in range(7)]
+        assert not any(len(part) for part in held)
+        assert len(tracker.process(none, watermark_s=23.9)) == 0
+        rows = {
+            "message": lambda t=tracker: t.process(next_time),
+            "watermark": lambda t=tracker: t.process(none, watermark_s=24.0),
+            "finish": tracker.finish,
+        }[ending]()
+        (best,) = tracker.trajectories
+        assert len(best.sensors) == 7
+        assert (rows.t_s.tolist(), rows.status.tolist()) == ([24.0], [Status.CONFIRMED])
+        at_24 = best.position + (24.0 - best.t_s) * best.velocity
+        np.testing.assert_allclose(rows.position[0, :2], at_24, rtol=1e-12)
+
+
+def test_rows_of_messages_do_not_depend_on_how_they_are_cut():
+    """Three times of messages, of which each revises the one before; restored in between too."""
+    site, readings = words(8, k=9)
+    readings = replace(readings, t_s=readings.t_s + np.repeat([0.0, 0.01, 0.02], 3))
+    whole = run(site, readings)[1]
+    assert np.unique(whole.t_s).tolist() == [24.0, 24.01, 24.02]
+    same(whole, run(site, readings, range(1, 9))[1])
+    tracker, parts = TrajectoryTracker(site), []
+    for k in range(9):
+        parts.append(tracker.process(select_rows(readings, slice(k, k + 1))))
+        other = TrajectoryTracker(site)
+        other.restore(tracker.snapshot())
+        tracker = other
+    same(whole, join_rows([*parts, tracker.finish()]))
 
 
 def test_copies_silence_and_old_messages_are_counted():
@@ -355,7 +402,7 @@ def test_a_lag_longer_than_the_run_tells_all_of_it_in_the_end():
     for site, readings in (heard(14), words(15, k=8)):
         _, tracks = run(site, readings, lag_s=100.0)
         assert (tracks.t_s[0], tracks.t_s[-1]) == (0.0, 24.0)
-        assert len(tracks) == 6  # every five seconds, and the end
+        np.testing.assert_allclose(tracks.t_s, 1.2 * np.arange(21), atol=1e-9)  # a twentieth
         assert np.all(tracks.status == Status.CONFIRMED)
 
 
@@ -374,7 +421,8 @@ def test_a_pass_far_away_waits_for_what_is_still_to_be_said_of_it():
     tracker = TrajectoryTracker(site)
     tracker.process(readings)
     none = select_rows(readings, slice(0, 0))
-    assert len(tracker.process(none, watermark_s=60.0)) == 0  # it is 9 km away by now
+    told = tracker.process(none, watermark_s=60.0)  # it is 9 km away by now
+    assert (told.t_s.tolist(), told.status.tolist()) == ([24.0], [Status.CONFIRMED])
     assert tracker.process(none, watermark_s=90.0).status.tolist() == [Status.ENDED]
 
 
@@ -384,7 +432,8 @@ def test_a_silent_pass_ends_after_a_while():
     tracker = TrajectoryTracker(patient)
     tracker.process(readings)
     rows = tracker.process(select_rows(readings, slice(0, 0)), watermark_s=100.0)
-    assert rows.status.tolist() == [Status.ENDED]
+    assert rows.status.tolist() == [Status.CONFIRMED, Status.ENDED]
+    assert rows.t_s.tolist() == [24.0, 100.0]
     assert tracker.counts["ended"] == 1
     assert tracker.trajectories == ()
 

@@ -16,7 +16,7 @@ from trackfield.types import Matrix, Status
 Key = tuple[int, int]  # a sensor, and which of its passes
 _FAR = 4.0  # field radii from the middle of the sensors at which a pass is over
 _SLACK_S = 1e-9
-_ROWS_A_LAG = 20
+_ROWS_A_LAG = 20  # or to the length of the records, where that is shorter
 
 
 class PassRules(NamedTuple):
@@ -44,31 +44,36 @@ class PassRow(NamedTuple):
 class LivePass:
     """One pass: its messages by `keys`, what is believed, the tracks of its trajectories in order.
 
-    `begin_s` is where its records begin, `heard_s` when it last changed; `row_s` and `told_s` are
-    times of its last row, as due and as told, which a lag sets apart; `confirmed` that one
-    trajectory was sure at some time.
+    `begin_s`, `end_s` are where its records begin and end, `heard_s` when it last changed, `news`
+    that this is still to be told; `row_s` and `told_s` are times of its last row, as due and as
+    told, which a lag sets apart; `confirmed` that one trajectory was sure at some time.
     """
 
     keys: frozenset[Key]
     belief: PassBelief
     begin_s: float
+    end_s: float
     heard_s: float
     tracks: list[int] = field(default_factory=list[int])
     row_s: float = -math.inf
     told_s: float = -math.inf
     confirmed: bool = False
+    news: bool = False
 
     def believe(self, belief: PassBelief, now_s: float, *, tracks: int, rules: PassRules) -> int:
         """Take a new belief; how many tracks there are in all, `tracks` before."""
         before = self.belief.places(now_s) if self.tracks else np.empty((0, 2))
-        self.belief, self.heard_s = belief, now_s
+        self.belief, self.heard_s, self.news = belief, now_s, True
         self.tracks, count = _matched(
             self.tracks, before, belief.places(now_s), tracks, max(rules.radius_m, 1.0)
         )
         return count
 
     def rows(self, now_s: float, rules: PassRules) -> list[PassRow]:
-        """Rows of a pass that has changed, if they are due."""
+        """Rows of a pass if it has changed and they are due; nothing changes it more by `now_s`."""
+        if not self.news:
+            return []
+        self.news = False
         if rules.lag_s > 0.0:
             return self.past(now_s - rules.lag_s, rules)
         if now_s < self.row_s + rules.every_s - _SLACK_S:
@@ -93,14 +98,16 @@ class LivePass:
     def past(self, until_s: float, rules: PassRules, *, last: bool = False) -> list[PassRow]:
         """Rows up to `until_s`, known what is known now, from the beginning of the records on.
 
-        They are `every_s` apart, or a twentieth of the lag; the `last` one is at `until_s`.
+        They are `every_s` apart, or a twentieth of the lag, of the records if those are shorter;
+        the `last` one is at `until_s`.
         """
         rows: list[PassRow] = []
         if not self.belief.modes:
             return rows
-        step_s = rules.every_s or rules.lag_s / _ROWS_A_LAG
+        step_s = rules.every_s or min(rules.lag_s, self.end_s - self.begin_s) / _ROWS_A_LAG
         due_s = max(self.begin_s, self.told_s + step_s)
-        while due_s <= until_s + _SLACK_S:
+        past_s = until_s - _SLACK_S if last else until_s + _SLACK_S
+        while due_s <= past_s:
             rows += self.at(due_s, Status.CONFIRMED)
             due_s += step_s
         return rows + self.at(until_s, Status.CONFIRMED) if last else rows
@@ -129,15 +136,16 @@ class LivePass:
 
     def plain(self) -> list[Any]:
         """Plain values that `live_pass` takes back, exactly."""
-        times = [self.begin_s, self.heard_s, self.row_s, self.told_s]
-        return [sorted(self.keys), packed(self.belief), times, self.tracks, self.confirmed]
+        times = [self.begin_s, self.end_s, self.heard_s, self.row_s, self.told_s]
+        said = [self.confirmed, self.news]
+        return [sorted(self.keys), packed(self.belief), times, self.tracks, said]
 
 
 def live_pass(plain: list[Any]) -> LivePass:
     """Return the pass that was made plain."""
-    keys, belief, (begin_s, heard_s, row_s, told_s), tracks, confirmed = plain
+    keys, belief, (*times, row_s, told_s), tracks, said = plain
     own = frozenset((int(sensor), int(number)) for sensor, number in keys)
-    return LivePass(own, unpacked(belief), begin_s, heard_s, tracks, row_s, told_s, confirmed)
+    return LivePass(own, unpacked(belief), *times, tracks, row_s, told_s, *said)
 
 
 def _matched(

@@ -71,7 +71,10 @@ class PassBook:
         return tuple(sorted(heard - taken))
 
     def told(self, key: Key, message: SensorMessage, now_s: float) -> list[PassRow]:
-        """Take a message, new or in the place of an earlier one; the rows that change by it."""
+        """Take a message, new or in the place of an earlier one; rows of what is over by it.
+
+        What else it changes is told when time goes on, with all that is said at this time.
+        """
         rows = self.advance(now_s)
         if self.ears and any(key in one.keys for one in self.over):
             return rows  # a better word about a pass that is over
@@ -86,14 +89,19 @@ class PassBook:
             if one not in self.live and one.confirmed:
                 rows += one.at(self.now_s, Status.ENDED)
         for one in sorted(changed, key=lambda one: min(one.keys)):
-            rows += self._believed(one)
+            self._believed(one)
         return rows
+
+    def settled(self) -> list[PassRow]:
+        """Rows of what changed now, at the time of the book: no more of this time is to come."""
+        passes = sorted(self.live, key=lambda one: min(one.keys))
+        return [row for one in passes for row in one.rows(self.now_s, self.rules)]
 
     def advance(self, now_s: float) -> list[PassRow]:
         """Let time pass: rows where passes go on, and the ends of those that are over."""
-        rows: list[PassRow] = []
         if now_s <= self.now_s:
-            return rows
+            return []
+        rows = self.settled()
         self.now_s = now_s
         for one in list(self.live):
             rows += one.coasting(now_s, self.rules)
@@ -108,7 +116,8 @@ class PassBook:
             self._regrouped()
         for one in self.live:
             one.row_s = -math.inf  # a last row, however soon after the one before
-            rows += self._believed(one)
+            self._believed(one)
+            rows += one.rows(self.now_s, self.rules)
             if self.rules.lag_s > 0.0:
                 rows += one.past(self.now_s, self.rules, last=True)
         return rows
@@ -157,7 +166,7 @@ class PassBook:
         for part in self._parts():
             one = max(old, key=lambda one: len(one.keys & part), default=None)
             if one is None or not one.keys & part:
-                one = LivePass(part, UNKNOWN, math.inf, self.now_s)
+                one = LivePass(part, UNKNOWN, math.inf, math.inf, self.now_s)
             else:
                 old.remove(one)
             if one.keys != part or not one.belief.modes:
@@ -178,18 +187,18 @@ class PassBook:
         found = group(together(told, start_s=start_s), record)
         return [frozenset(keys[int(row)] for row in one.messages) for one in found.groups]
 
-    def _believed(self, one: LivePass) -> list[PassRow]:
-        """Find what is believed of a pass, and tell it."""
+    def _believed(self, one: LivePass) -> None:
+        """Find what is believed of a pass."""
         told = [self.messages[key] for key in sorted(one.keys)]
         belief = by_messages(told)
         one.begin_s = min(message.first_s for message in told)
+        one.end_s = max(_end_s(message) for message in told)
         if self.ears:
             whole = by_samples(belief, self._raw(told, to_the_end=True))
             # Later samples may be of what came next.
             belief = whole if whole.by_samples else by_samples(belief, self._raw(told))
         self.started += bool(belief.modes and not one.tracks)
         self.tracks = one.believe(belief, self.now_s, tracks=self.tracks, rules=self.rules)
-        return one.rows(self.now_s, self.rules)
 
     def _raw(self, told: list[SensorMessage], *, to_the_end: bool = False) -> RawPass:
         """All samples of a pass: of each sensor those of its record, or all since that began.

@@ -37,9 +37,9 @@ class TrajectoryTracker:
 
     A message counts as soon as it is there, in any order; samples of amplitudes are put in order
     within the site's `window_s`, and a sensor's message is made of them when the target has passed
-    it, and a better one when it is gone. After each message the trajectories are told anew, at the
-    time of the newest reading: confirmed where one explains what was heard, else a tentative track
-    for each that may be. Of samples the last word is the maximum of the likelihood of all of them.
+    it, and a better one when it is gone. After each message the trajectories are found anew, and
+    told when time has moved on, with all that was said at one time: confirmed where one explains
+    what was heard, else a tentative track for each that may be. Of samples the last word is the maximum of the likelihood of all of them.
     Readings that name targets are kept apart by that, others are grouped by what fits together.
 
     `lag_s` tells where a target was so long ago, known what is known now, from the beginning of its
@@ -115,8 +115,9 @@ class TrajectoryTracker:
         for t_s, sensor, value, name in self._numbers(readings):
             target = self._target(names[int(name)])
             self._spoken.add(int(sensor))
-            self._newest_s = max(self._newest_s, t_s)
+            later, self._newest_s = t_s > self._newest_s, max(self._newest_s, t_s)
             if isinstance(self._site.models[int(sensor)], EnergyMessageModel):
+                rows += self._all_told() if later else []
                 rows += self._message(target, int(sensor), t_s, value)
             else:
                 self._wait(t_s, target, int(sensor), value)
@@ -125,6 +126,8 @@ class TrajectoryTracker:
             rows += self._settle(watermark_s)
             for target, book in enumerate(self._books):
                 rows += self._rows(target, book.advance(watermark_s))
+                if watermark_s >= book.now_s:
+                    rows += self._rows(target, book.settled())
         return self._numbering.table(rows)
 
     def finish(self) -> Tracks:
@@ -271,6 +274,11 @@ class TrajectoryTracker:
                 rows += self._told(target, sensor, said, t_s)
         self._settled_s = max(self._settled_s, min(until_s, self._newest_s))
         return rows
+
+    def _all_told(self) -> list[TargetRow]:
+        """Rows of what changed at the time before the newest."""
+        told = [(target, book.settled()) for target, book in enumerate(self._books)]
+        return [row for target, rows in told for row in self._rows(target, rows)]
 
     def _told(self, target: int, sensor: int, said: Said, now_s: float) -> list[TargetRow]:
         key: Key = (sensor, said.pass_number)
