@@ -6,6 +6,7 @@ import pytest
 import cli_runs
 from conftest import ROOT
 from trackfield.io.tracks import read_tracks
+from trackfield.sensing.amplitude import AmplitudeModel, noisy
 from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.sensing.energy_message_making import simulate
 
@@ -35,7 +36,8 @@ def write(folder, kind, rows, *, places=PLACES, model=""):
     sensors = "".join(f"s{i},{x},{y}\n" for i, (x, y) in enumerate(places))
     (folder / "sensors.csv").write_text("sensor_id,x_m,y_m\n" + sensors)
     text = "[site]\nname = 'street'\nsensors_file = 'sensors.csv'\n[models.m]\n"
-    (folder / "site.toml").write_text(f"{text}kind = '{kind}'\nsigma = 0.01\n{model}")
+    own = "" if "sigma = " in model else "sigma = 0.01\n"
+    (folder / "site.toml").write_text(f"{text}kind = '{kind}'\n{model}{own}")
     (folder / "data.csv").write_text(HEADER + "".join(rows))
     return folder / "site.toml", folder / "data.csv"
 
@@ -96,7 +98,11 @@ def test_hindsight_tells_the_whole_pass(call, made, tmp_path):
     assert score["rmse_m"] < 1.5
     assert score["availability"] > 0.9
     done = call("track", site, data, "-o", tracks, "--lag", "5steps")
-    assert (done.code, "expected a lag in seconds" in done.err) == (2, True)
+    assert (done.code, "--lag: found '5steps', expected seconds" in done.err) == (2, True)
+    assert call("track", site, data, "-o", tracks, "--lag", "1e6").code == 0
+    assert len(read_tracks(tracks)) == 21
+    score = call("score", folder / "truth.csv", tracks, "--json").json
+    assert score["rmse_m"] < 1.5
 
 
 def test_one_after_the_other_both_are_told(call, tmp_path):
@@ -204,6 +210,57 @@ def test_profiles_that_say_nothing_make_no_confident_trajectory(call, tmp_path, 
     assert done.json["shown"] == 0
     assert all(one["verdict"] != "good" for one in done.json["trajectories"])
     assert f"{data}: no track was confirmed" in done.json["warnings"]
+
+
+def sources(ways, *, sigma=0.01, exponent=1.0, fading="none", model="", target=""):
+    """Rows of samples that the sensors of `PLACES` take of targets of power 1 on straight ways."""
+    rng, kind = np.random.default_rng(4), AmplitudeModel(exponent, sigma, fading)
+    rows = []
+    for t in np.arange(0.0, 40.0, 0.5):
+        places = np.array([start + t * np.asarray(speed) for start, speed in ways])
+        r = np.linalg.norm(places[:, None] - PLACES, axis=-1)
+        z = noisy(kind, np.sqrt(np.sum(r ** (-2.0 * exponent), axis=0)), rng=rng)
+        rows += [f"{t:g},s{i},amplitude,{own:.6g}{target}\n" for i, own in enumerate(z)]
+    return rows
+
+
+PASS = [(np.array([-30.0, 1.0]), (1.5, 0.0))]
+
+
+@pytest.mark.parametrize(
+    ("ways", "sent", "model"),
+    [
+        (PASS, {}, "sigma = 0.00001\n"),  # mV for V
+        (PASS, {}, "exponent = 3\n"),
+        (PASS, {"fading": "rayleigh"}, ""),
+        ([*PASS, (np.array([30.0, -9.0]), (-1.6, 0.3))], {}, ""),
+    ],
+    ids=("sigma", "exponent", "fading", "two"),
+)
+def test_what_is_loud_but_fits_no_pass_is_told_with_what_may_be_wrong(
+    call, tmp_path, ways, sent, model
+):
+    """No track, or one that is not sure; and the reader is told where to look."""
+    site, data = write(tmp_path, "amplitude", sources(ways, **sent), model=model)
+    done = call("track", site, data, "-o", tmp_path / "t.csv", "--json")
+    if done.code == 2:
+        assert "5 heard something so loud, but nothing that fits a pass" in done.err
+        assert "sigma, exponent and fading" in done.err
+        return
+    assert done.json["shown"] == 0
+    doubts = " ".join(done.json["warnings"])
+    assert "No straight pass of one target explains the messages." in doubts
+
+
+def test_samples_above_the_saturation_are_counted_and_told(call, tmp_path):
+    rows = sources(PASS)
+    above = sum(float(row.rsplit(",", 1)[1]) > 0.12 for row in rows)
+    site, data = write(tmp_path, "amplitude", rows, model="saturation = 0.12\n")
+    done = call("track", site, data, "-o", tmp_path / "t.csv", "--json")
+    assert done.json["readings"]["saturated"] == above > 5
+    assert any(
+        f"{above} samples are above their model's saturation" in w for w in done.json["warnings"]
+    )
 
 
 def test_a_method_is_refused(call, tmp_path):

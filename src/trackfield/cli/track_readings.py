@@ -84,6 +84,8 @@ def run_tracker(
     from trackfield.pipeline.trajectories import TrajectoryTracker
 
     survey, lag = empty_survey(site), wanted.lag
+    if family in ("amplitude", "energy_message"):
+        trajectories.require_seconds(lag)
     tracker = tracker_of(
         site, family, lag_s=lag.seconds, lag_steps=lag.steps, every_s=wanted.every_s
     )

@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackfield.errors import ConfigurationError
+
 if TYPE_CHECKING:
+    from trackfield.cli.runs import Lag
     from trackfield.network.timing import Timing
     from trackfield.pipeline.trajectories import Trajectory, TrajectoryTracker
     from trackfield.plotting.tagged import Course
 
 _SURE = 0.9995  # weight of a trajectory beside which there is no other
+_SATURATION = "saturation: they count as at least so much; is it too low?"
 _LISTED = 8  # sensors, at most, that a line names
 
 
@@ -55,8 +59,16 @@ def doubts(tracker: TrajectoryTracker) -> list[str]:
         for one in found
         if one.weight >= _SURE and one.verdict != "good"
     ]
-    lost = tracker.counts["unexplained"]
-    return said + ([f"{lost} messages fit no trajectory"] if lost else [])
+    lost, above = tracker.counts["unexplained"], tracker.counts["saturated"]
+    said += [f"{lost} messages fit no trajectory"] if lost else []
+    return said + ([f"{above} samples are above their model's {_SATURATION}"] if above else [])
+
+
+def require_seconds(lag: Lag) -> None:
+    """Raise `ConfigurationError` for a lag in updates, which passes do not have."""
+    if lag.steps:
+        expected = "seconds (2 or 2s): trajectories of passes have no updates"
+        raise ConfigurationError([f"--lag: found '{lag.steps}steps', expected {expected}"])
 
 
 def _lines(one: Trajectory) -> list[str]:

@@ -143,9 +143,12 @@ class LivePass:
 
 def live_pass(plain: list[Any]) -> LivePass:
     """Return the pass that was made plain."""
-    keys, belief, (*times, row_s, told_s), tracks, said = plain
+    keys, belief, (begin_s, end_s, heard_s, row_s, told_s), tracks, said = plain
     own = frozenset((int(sensor), int(number)) for sensor, number in keys)
-    return LivePass(own, unpacked(belief), *times, tracks, row_s, told_s, *said)
+    confirmed, news = said
+    known = LivePass(own, unpacked(belief), begin_s, end_s, heard_s, tracks, row_s, told_s)
+    known.confirmed, known.news = confirmed, news
+    return known
 
 
 def _matched(

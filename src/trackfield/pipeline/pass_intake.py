@@ -8,11 +8,12 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackfield.errors import ConfigurationError, InputError
+from trackfield.localization.pass_fusion import LEAST_SENSORS
 from trackfield.localization.pass_stream import SensorMessage
 from trackfield.network.kinds import SensorModel, kind_of
 from trackfield.network.site import Site
 from trackfield.pipeline.live_passes import PassRules
-from trackfield.pipeline.pass_book import Ears
+from trackfield.pipeline.pass_book import Ears, PassBook
 from trackfield.sensing.amplitude import AmplitudeModel
 from trackfield.sensing.energy_message import (
     EnergyMessageModel,
@@ -22,6 +23,8 @@ from trackfield.sensing.energy_message import (
 )
 from trackfield.sensing.profile import Profile
 
+LOUD = 6.0  # standard deviations of noise that are something else: a source, or a wrong model
+_WANTS = "a pass that at least 3 sensors, not in a line, heard clearly above their noise"
 _APART = 0.5  # widths by which two messages of one pass may differ in time
 _LOUDER = 2.0  # times that one may be as loud
 
@@ -68,6 +71,16 @@ def pass_rules(site: Site, *, lag_s: float, every_s: float) -> PassRules:
     return PassRules(site.tracker.drop_s, lag_s, every_s, (x, y), radius, patience_s)
 
 
+def wants(loud: int) -> str:
+    """Say what it takes to start a track, where `loud` sensors heard something clearly."""
+    if loud < LEAST_SENSORS:
+        return _WANTS
+    return (
+        f"{_WANTS}: {loud} heard something so loud, but nothing that fits a pass; are sigma, "
+        "exponent and fading of their models wrong, or are there several sources at once?"
+    )
+
+
 def fades(model: SensorModel) -> bool:
     """Tell whether a model's amplitudes are envelopes, which are never negative."""
     return isinstance(model, AmplitudeModel) and model.fading == "rayleigh"
@@ -87,6 +100,13 @@ def alike(one: SensorMessage, other: SensorMessage) -> bool:
     apart = abs(cast("float", a.t_max_s) - cast("float", b.t_max_s))
     louder = abs(math.log(cast("float", a.a_max) / cast("float", b.a_max)))
     return apart < _APART * width and louder < math.log(_LOUDER)
+
+
+def pass_number(book: PassBook, message: SensorMessage) -> int:
+    """Find which of its passes a sensor tells: one that it told of another record, or a new one."""
+    own = {key[1]: known for key, known in book.messages.items() if key[0] == message.sensor}
+    again = [number for number, known in own.items() if alike(known, message)]
+    return again[0] if again else max(own, default=-1) + 1
 
 
 def decoded(site: Site, own: Ears, sensor: int, *, t_s: float, word: float) -> Decoded:

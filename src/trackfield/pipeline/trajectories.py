@@ -13,14 +13,21 @@ from typing import Any, cast
 import numpy as np
 
 from trackfield.errors import ConfigurationError, InputError, StateError
-from trackfield.localization.pass_stream import SensorMessage
 from trackfield.network.kinds import kind_of
 from trackfield.network.site import Site
 from trackfield.pipeline.intake import Rows, in_order, refuse, require_finite, site_sensors
 from trackfield.pipeline.lags import require_lags
 from trackfield.pipeline.live_passes import Key, LivePass, PassRow
 from trackfield.pipeline.pass_book import PassBook
-from trackfield.pipeline.pass_intake import alike, decoded, ears, fades, pass_rules
+from trackfield.pipeline.pass_intake import (
+    LOUD,
+    decoded,
+    ears,
+    fades,
+    pass_number,
+    pass_rules,
+    wants,
+)
 from trackfield.pipeline.pass_records import PassRecord, Said
 from trackfield.pipeline.pass_report import Trajectory, trajectories_of
 from trackfield.pipeline.sealing import fingerprint, seal, unseal
@@ -28,7 +35,8 @@ from trackfield.pipeline.tagged_rows import ANONYMOUS, Numbering, TargetRow
 from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.types import Readings, Tracks
 
-_FATES = ("accepted", "duplicate", "late", "nothing")  # of readings
+_FATES = ("accepted", "duplicate", "late", "nothing", "saturated")  # of readings
+_Sample = tuple[float, int, int, float]  # time, target, sensor, value
 _RECENT = 64  # messages of a sensor of which copies are known
 
 
@@ -39,7 +47,8 @@ class TrajectoryTracker:
     within the site's `window_s`, and a sensor's message is made of them when the target has passed
     it, and a better one when it is gone. After each message the trajectories are found anew, and
     told when time has moved on, with all that was said at one time: confirmed where one explains
-    what was heard, else a tentative track for each that may be. Of samples the last word is the maximum of the likelihood of all of them.
+    what was heard, else a tentative track for each that may be. Of samples the last word is the
+    maximum of the likelihood of all of them.
     Readings that name targets are kept apart by that, others are grouped by what fits together.
 
     `lag_s` tells where a target was so long ago, known what is known now, from the beginning of its
@@ -60,19 +69,19 @@ class TrajectoryTracker:
         self._numbering = Numbering()
         self._books: list[PassBook] = []
         self._records: dict[tuple[int, int], PassRecord] = {}  # by target and sensor
-        self._waiting: list[
-            tuple[float, int, int, float]
-        ] = []  # samples: time, target, sensor, value
+        self._waiting: list[_Sample] = []
         self._known: dict[tuple[int, int], list[tuple[float, float]]] = {}  # what was said before
         self._newest_s = self._settled_s = -math.inf
         self._counts = Counter[str]()
         self._spoken: set[int] = set()
+        self._loud: set[int] = set()  # sensors that heard something clearly
 
     @property
     def counts(self) -> dict[str, int]:
         """How readings fared; messages that fit no trajectory; tracks started and ended.
 
-        `nothing` are messages that say that nothing was heard.
+        `nothing` are messages that say that nothing was heard, `saturated` samples (among those
+        accepted) above their sensor's saturation, which say no more than that it was reached.
         """
         return {
             **{name: self._counts[name] for name in _FATES},
@@ -89,7 +98,7 @@ class TrajectoryTracker:
     @property
     def wants(self) -> str:
         """What it takes to start a track, in words."""
-        return "a pass that at least 3 sensors, not in a line, heard clearly above their noise"
+        return wants(len(self._loud))
 
     @property
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -153,6 +162,7 @@ class TrajectoryTracker:
             "times": [self._newest_s, self._settled_s],
             "counts": dict(self._counts),
             "spoken": sorted(self._spoken),
+            "loud": sorted(self._loud),
         }
         return seal(json.dumps(state).encode(), self._digest())
 
@@ -177,7 +187,7 @@ class TrajectoryTracker:
         self._known = {(a, b): [(t, z) for t, z in said] for a, b, said in state["known"]}
         self._newest_s, self._settled_s = state["times"]
         self._counts = Counter[str](state["counts"])
-        self._spoken = set(state["spoken"])
+        self._spoken, self._loud = set(state["spoken"]), set(state["loud"])
 
     def _trajectories(self, passes: Sequence[Sequence[LivePass]]) -> tuple[Trajectory, ...]:
         """Tell the trajectories of passes of each name."""
@@ -239,11 +249,12 @@ class TrajectoryTracker:
         message, seen = decoded(self._site, self._ears[sensor], sensor, t_s=t_s, word=word)
         self._counts["accepted"] += 1
         self._counts["nothing"] += not seen
+        self._listen(sensor, float(message.profile.a_max))
         known.append((t_s, word))
         del known[:-_RECENT]
         if not seen:  # it may have heard a little: less than it would tell
             return self._rows(target, self._books[target].advance(self._newest_s))
-        said = Said(_pass_number(self._books[target], message), message)
+        said = Said(pass_number(self._books[target], message), message)
         return self._told(target, sensor, said, self._newest_s)
 
     def _wait(self, t_s: float, target: int, sensor: int, value: float) -> None:
@@ -267,6 +278,8 @@ class TrajectoryTracker:
                 self._counts["duplicate"] += 1
                 continue
             self._counts["accepted"] += 1
+            self._counts["saturated"] += value > own.model.saturation
+            self._listen(sensor, value)
             own.add(t_s, value)
             rows += self._rows(target, book.advance(t_s))
             said = record.add(t_s, value)
@@ -274,6 +287,10 @@ class TrajectoryTracker:
                 rows += self._told(target, sensor, said, t_s)
         self._settled_s = max(self._settled_s, min(until_s, self._newest_s))
         return rows
+
+    def _listen(self, sensor: int, amplitude: float) -> None:
+        if amplitude > LOUD * self._ears[sensor].model.sigma:
+            self._loud.add(sensor)
 
     def _all_told(self) -> list[TargetRow]:
         """Rows of what changed at the time before the newest."""
@@ -301,10 +318,3 @@ class TrajectoryTracker:
 
     def _record(self, sensor: int) -> PassRecord:
         return PassRecord(sensor, *self._ears[sensor][:3])
-
-
-def _pass_number(book: PassBook, message: SensorMessage) -> int:
-    """Find which of its passes a sensor tells: one that it told of another record, or a new one."""
-    own = {key[1]: known for key, known in book.messages.items() if key[0] == message.sensor}
-    again = [number for number, known in own.items() if alike(known, message)]
-    return again[0] if again else max(own, default=-1) + 1
