@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -246,3 +247,9 @@ def test_displacement_needs_readings_from_all_sides():
     t = np.zeros(20)
     alike = np.tile([[1.0, 0.0]], (20, 1))
     assert displacement_sigma(np.ones(20), alike, t, white_sigma=0.1) == 0.0
+
+
+def test_readings_of_another_kind_are_refused():
+    readings, truth = run(World(), 0)
+    with pytest.raises(InputError, match="found readings of kind rssi, expected range"):
+        calibrate(SITE, replace(readings, kinds=("rssi",)), truth)

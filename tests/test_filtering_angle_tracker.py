@@ -118,6 +118,19 @@ def test_a_target_that_does_not_move_is_told_by_bearings_only():
         assert all(state.track is None for state in run(tracker, silent))
 
 
+@pytest.mark.parametrize("kind", ["angular_rate", "motion"])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_no_motion(kind, seed):
+    places = [(0, 0), (20, 0), (20, 15), (0, 15), (10, -3)]
+    site = site_of([KINDS[kind][0]] * 5, places)
+    path = np.tile([7.0, 6.0, 0.0, 0.0], (40, 1))
+    readings = scans(site, path, 0.5, np.random.default_rng(seed))
+    if kind == "motion":
+        readings = (scan._replace(value=np.abs(scan.value)) for scan in readings)
+    tracks = [state.track for state in run(angle_tracker.create(site), readings)]
+    assert not any(track is not None and track.confirmed for track in tracks)
+
+
 def test_mirror_images_about_a_line_of_motion_sensors_stay_tentative():
     places = np.array([[-3.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
     site = site_of(KINDS["motion"], places)

@@ -250,6 +250,18 @@ def test_targets_are_taken_to_be_where_the_site_says_or_about_its_receivers():
     assert field(replace(hall(), rooms=(room,))).area == Region(0.0, 0.0, 12.0, 11.0)
 
 
+def test_beside_a_line_of_receivers_a_beacon_may_be_on_either_side():
+    line = np.array([[0.0, 0.0, 2.0], [10.0, 0.0, 2.0], [20.0, 0.0, 2.0]])
+    site = Site("line", ("A", "B", "C"), line, (PLAIN,) * 3)
+    assert field(site).area == Region(-10.0, -10.0, 30.0, 10.0)
+    tracker = rssi_tracker.create(site, seed=1)
+    level = rssi.expected(PLAIN, rssi.distance(line, np.array([14.0, 5.0, 2.0])))
+    state = run(tracker, [scan(float(t), level) for t in range(20)])[-1]
+    shown = tracker.shown(state, 19.0)
+    assert abs(shown.position[0] - 14.0) < 3.0
+    assert shown.covariance[2] > 3.0**2  # both sides
+
+
 def test_a_big_site_has_a_table_of_bounded_size():
     site = surveyed()
     far = np.array(CORNERS) * [400.0, 400.0, 1.0]

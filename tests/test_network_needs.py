@@ -38,6 +38,8 @@ def field(*models, places=PLACES):
         (field(B, R), None, None),
         (field(R, M), "expected at least 3 of angular_rate and motion", None),
         (field(R, R, R), None, None),
+        (field(*[R] * 4, places=LINE), None, "all on one line"),
+        (field(B, *[R] * 3, places=LINE), None, None),
         (field(M, M, M), None, "leave several answers at first"),
         (field(M, M, M, M, M), None, None),
         (field(RssiModel()), "expected at least 2, and better 3", None),

@@ -97,9 +97,16 @@ def calibrate(
     Several targets are calibrated one by one, because an error belongs to the pair of anchor and
     tag; the site's own models are then their mean. `method` "weighted" and "least squares" take
     noise means and variances from Wang 3.1 over binned distances (non-negative weighted, or the
-    paper's plain least squares) for all sensors alike. Raises `InputError` if fewer than 30
-    readings of every target have truth beside them.
+    paper's plain least squares) for all sensors alike. Raises `InputError` for readings of another
+    kind, and if fewer than 30 readings of every target have truth beside them.
     """
+    present: list[int] = np.unique(readings.kind).tolist()
+    others = sorted({readings.kinds[k] for k in present} - {"range"})
+    if others:
+        raise InputError(
+            f"found readings of kind {', '.join(others)}, expected range, as the site's sensors "
+            'have no other model; [models.NAME] with kind = "..." gives them one'
+        )
     learned: dict[str, _Learned] = {}
     used = 0
     names = readings.target_ids or ("",)

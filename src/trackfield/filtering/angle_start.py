@@ -36,6 +36,7 @@ _PLACES = {2: 21, 3: 9}  # of the grid, an axis
 _READINGS = 24  # that the grid is judged by, from the middle of the window
 _FASTEST = 3.0  # usual speeds that a candidate may have
 _DETERMINED = 0.2  # of the box: the sigma of a place that counts as fixed
+_MOVES = 25.0  # cost that a motion must spare: of a target at rest rates tell no place
 
 
 class Search(NamedTuple):
@@ -58,8 +59,8 @@ class Search(NamedTuple):
 class AngleStart(NamedTuple):
     """Answers of a window, the likeliest first: `weights` (k,), states (k, n), covariances.
 
-    `determined`: the readings alone fix the state of the first; `fits`: they agree with it. Where
-    one of them is missing nothing should be started.
+    `determined`: the readings alone fix the state of the first, which rates of a target at rest
+    never do; `fits`: they agree with it. Where one of them is missing nothing should be started.
     """
 
     weights: Vector
@@ -88,7 +89,7 @@ def fit(window: AngleReadings, search: Search) -> AngleStart:
     return AngleStart(
         weights / weights.sum(),
         Gaussian(states[keep], covariance[keep]),
-        determined=_determined(told[first], search),
+        determined=_determined(told[first], search) and _moves(window, states[first]),
         fits=bool(cost[first] < 2.0 * spare + 6.0 * math.sqrt(2.0 * spare)),
     )
 
@@ -97,6 +98,14 @@ def misfit(window: AngleReadings, state: Vector) -> float:
     """Cost of a window as `fit` counts it, without priors, for a target in `state` (n,)."""
     nothing = np.zeros(state.size)
     return float(_cost(_Problem(window, nothing, nothing), state[None])[0])
+
+
+def _moves(window: AngleReadings, state: Vector) -> bool:
+    """Whether a place follows at all: from bearings, or because the target clearly moves."""
+    if np.any(window.sensors.says == Says.BEARING):
+        return True
+    rest = np.concatenate([state[: state.size // 2], np.zeros(state.size // 2)])
+    return misfit(window, rest) > misfit(window, state) + _MOVES
 
 
 class _Problem(NamedTuple):

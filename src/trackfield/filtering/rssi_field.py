@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trackfield.network.geometry import FLAT, thinness
 from trackfield.network.radio_map import RadioMap, radio_map
 from trackfield.network.site import Site
 from trackfield.raster import Region
@@ -20,7 +21,8 @@ _CELL_M = 0.5  # of the table of shadows, where that is not too many
 _MOST_NUMBERS = 1_000_000  # in the table: 8 MB for mean and variance in single precision
 _CHANGED = 0.75  # of the fading's variance: who carries the beacon now, doors, what was moved
 _BESIDE = 0.1  # of its width and height the area reaches beyond receivers and survey ...
-_BESIDE_LEAST_M = 1.0  # ... but this at least
+_BESIDE_LEAST_M = 1.0  # ... but this at least,
+_BESIDE_LINE = 0.5  # and beyond receivers on a line so much of its length: to either side of it
 
 
 class ShadowTable(NamedTuple):
@@ -139,7 +141,8 @@ def _area(site: Site) -> Region:
         places.append(site.survey.position[:, :2])
     every = np.vstack(places)
     low, high = every.min(axis=0), every.max(axis=0)
-    margin = max(_BESIDE_LEAST_M, _BESIDE * float((high - low).max())) * (not site.rooms)
+    beside = _BESIDE_LINE if len(every) < 3 or thinness(every) < FLAT else _BESIDE
+    margin = max(_BESIDE_LEAST_M, beside * float((high - low).max())) * (not site.rooms)
     return Region(
         float(low[0] - margin),
         float(low[1] - margin),

@@ -13,6 +13,7 @@ from trackfield.sensing.energy_message import EnergyMessageModel
 _UNTOLD = AmplitudeModel().sigma
 _ALONE = "a single one tells no place"
 _MIRRORED: dict[Family, str] = {  # what a line of sensors does not tell
+    "angle": "a target and its mirror image about the line, going back, look the same for a while",
     "rssi": "a beacon and its mirror image about the line sound the same",
     "amplitude": "a trajectory and its mirror image about the line sound the same: both are told",
     "energy_message": (
@@ -47,7 +48,8 @@ def needs(site: Site, sensors: tuple[str, ...] | None = None) -> Needs:
     found = f"found {len(ids)} sensors ({some})"
     if family == "angle":
         kinds = {kind_of(site.models[i]) for i in own}
-        return _of_angles(found, len(own), kinds)
+        flat = len(own) > 2 and thinness(site.positions[own, :2]) < FLAT
+        return _of_angles(found, len(own), kinds, flat=flat)
     if family not in _MIRRORED:
         return Needs()
     if len(own) < 2:
@@ -68,18 +70,25 @@ def _of_noise(site: Site) -> tuple[str, ...]:
     return (f"sigma = {_UNTOLD:g} is the default: what is the noise, in the unit of amplitudes?",)
 
 
-def _of_angles(found: str, count: int, kinds: set[str]) -> Needs:
-    """Judge sensors that tell directions, how fast they turn, or motion across them."""
+def _of_angles(found: str, count: int, kinds: set[str], *, flat: bool) -> Needs:
+    """Judge sensors that tell directions, how fast they turn, or motion across them.
+
+    `flat`: they stand on a line.
+    """
     if count < 2:
         return Needs((f"{found}, expected at least 2: {_ALONE}",))
     if "bearing" not in kinds and count < 3:
         expected = "at least 3 of angular_rate and motion, or a bearing among them"
         return Needs((f"{found}, expected {expected}",))
+    remarks = ()
+    if "bearing" not in kinds and flat:
+        remarks = (f"{found}, all on one line: {_MIRRORED['angle']}",)
     if kinds == {"motion"} and count < 5:
         return Needs(
             remarks=(
+                *remarks,
                 f"{found}, which leave several answers at first: motion sensors do not tell which "
                 "way a target goes, and fewer than 5 not where it is until it has moved on",
             )
         )
-    return Needs()
+    return Needs(remarks=remarks)
