@@ -48,8 +48,16 @@ side by side, the first one is the paper's.
 
 <!-- Written by `make papers`. -->
 
-All of this is printed and drawn by `trackfield reproduce berger -o FOLDER`. Lengths are in kilometres,
-as in the paper; SNR is that at 1 km.
+All of this is printed and drawn by `trackfield reproduce berger -o FOLDER`. Lengths are in
+kilometres, as in the paper; SNR is that at 1 km.
+
+""",
+    "cheng": """\
+# Cheng, Ghosh, Hu: results
+
+<!-- Written by `make papers`. -->
+
+All of this is printed and drawn by `trackfield reproduce cheng -o FOLDER`.
 
 """,
 }

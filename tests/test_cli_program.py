@@ -180,7 +180,9 @@ def test_the_demo_is_quick_the_second_time(recorded, tmp_path):
 def test_a_paper_that_we_do_not_know_is_refused(call):
     done = call("reproduce", "wong")
     assert (done.code, done.out) == (2, "")
-    assert done.err == "error: PAPER: found 'wong', expected one of: wang, oh, pham, berger\n"
+    assert (
+        done.err == "error: PAPER: found 'wong', expected one of: wang, oh, pham, berger, cheng\n"
+    )
 
 
 @pytest.fixture

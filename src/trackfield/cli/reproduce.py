@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from trackfield.experiments.results import Table
 
-PAPERS = ("wang", "oh", "pham", "berger")
+PAPERS = ("wang", "oh", "pham", "berger", "cheng")
 
 
 class Reproduction(Protocol):
@@ -77,13 +77,14 @@ def run(paper: str, seed: int, *, quick: bool, moved: Callable[[float], None]) -
     """Run the experiments of a paper."""
     from numpy.random import default_rng
 
-    from trackfield.experiments import berger, oh, pham, wang
+    from trackfield.experiments import berger, cheng, oh, pham, wang
 
     experiments = {
         "wang": wang.reproduce,
         "oh": oh.reproduce,
         "pham": pham.reproduce,
         "berger": berger.reproduce,
+        "cheng": cheng.reproduce,
     }
     return experiments[paper](default_rng(seed), quick=quick, progress=moved)
 

@@ -48,7 +48,7 @@ def _draw_cloud(axes: Axes, calibration: CalibratedRssi) -> None:
 
 def _draw_histograms(axes: Axes, calibration: CalibratedRssi) -> None:
     both = np.concatenate([calibration.off, calibration.off_law])
-    edges = np.linspace(float(both.min()) - 0.5, float(both.max()) + 0.5, _BINS)
+    edges = np.linspace(float(both.min()) - 0.5, float(both.max()) + 0.5, _BINS).tolist()
     for values, rms, name, colour in (
         (calibration.off_law, calibration.law_error_db, "law alone", PALETTE[1]),
         (calibration.off, calibration.map_error_db, "law and map", PALETTE[0]),
