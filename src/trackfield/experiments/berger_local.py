@@ -17,7 +17,7 @@ from trackfield.experiments.berger_local_tables import (
     SNR_DB,
     BergerLocal,
     EncodingCost,
-    Example,
+    ExampleProfile,
     LocalErrors,
     Setup,
 )
@@ -101,11 +101,11 @@ def _coarse_of(setup: Setup, t_s: Vector, values: Matrix) -> Profile:
     return coarse(t_s, values @ (weights / weights.sum(axis=0)))
 
 
-def _example(setup: Setup, rng: np.random.Generator) -> Example:
+def _example(setup: Setup, rng: np.random.Generator) -> ExampleProfile:
     scene = _scene(setup, SNR_DB[0])
     t_s, model, truth = scene
     values = _draw(scene, 1, rng)[0]
-    return Example(
+    return ExampleProfile(
         t_s, values, truth, _coarse_of(setup, t_s, values), fit(model, t_s, values).profile
     )
 

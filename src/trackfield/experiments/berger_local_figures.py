@@ -12,7 +12,7 @@ from trackfield.experiments.berger_local_tables import (
     BITS,
     SNR_DB,
     BergerLocal,
-    Example,
+    ExampleProfile,
     LocalErrors,
 )
 from trackfield.plotting.style import GREY, PALETTE, new_figure
@@ -35,7 +35,7 @@ def figures(found: BergerLocal) -> dict[str, Figure]:
     }
 
 
-def _example(example: Example, title: str) -> Figure:
+def _example(example: ExampleProfile, title: str) -> Figure:
     figure = new_figure(11.5, 3.6)
     fine = np.linspace(float(example.t_s[0]), float(example.t_s[-1]), 241)
     lines = (

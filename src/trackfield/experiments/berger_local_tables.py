@@ -50,7 +50,7 @@ class LocalErrors(NamedTuple):
     missed: Matrix
 
 
-class Example(NamedTuple):
+class ExampleProfile(NamedTuple):
     """One record of each sensor at 10 dB: times (m,), samples (3, m), and three profiles (3,)."""
 
     t_s: Vector
@@ -75,7 +75,7 @@ class EncodingCost(NamedTuple):
 class BergerLocal(NamedTuple):
     """What was found: examples (Figs. 5, 9), errors (Figs. 6, 10, and at 10 Hz), encoding."""
 
-    examples: Mapping[str, Example]
+    examples: Mapping[str, ExampleProfile]
     errors: Mapping[str, LocalErrors]
     encoding: EncodingCost
     runs: int
