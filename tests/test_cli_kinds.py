@@ -70,6 +70,19 @@ def test_a_simulated_site_tracks_its_own_measurements(call, tmp_path, name, rmse
     assert score["availability"] > 0.8
 
 
+@pytest.mark.parametrize("seed", [330, 333])
+def test_a_first_answer_that_was_wrong_is_not_shown(call, tmp_path, seed):
+    scenario = (SCENARIOS / "rates.toml").read_text().replace("duration_s = 20", "duration_s = 3")
+    (tmp_path / "rates.toml").write_text(scenario)
+    call("simulate", tmp_path / "rates.toml", "-o", tmp_path, "--seed", seed)
+    tracks = tmp_path / "tracks.csv"
+    assert (
+        call("track", tmp_path / "site.toml", tmp_path / "measurements.csv", "-o", tracks).code == 0
+    )
+    score = call("score", tmp_path / "truth.csv", tracks, "--json").json
+    assert score["p95_m"] < 0.1
+
+
 def test_kinds_of_one_family_are_tracked_in_one_run(call, tmp_path):
     scenario = (SCENARIOS / "motion.toml").read_text().replace("duration_s = 60", "duration_s = 12")
     (tmp_path / "motion.toml").write_text(scenario)

@@ -24,6 +24,7 @@ _WIDE = 0.03  # a fit is doubted by this part of the box,
 _WIDE_SPEED = 0.3  # of the speed,
 _WIDER = 4.0  # and so many times its own covariance
 _CLEARLY = 0.5  # a fresh answer costs so much of what the old one does, or less
+_REFUTES = 12.0  # a first answer may cost so much more than one of all scans since
 
 
 def begin(
@@ -48,12 +49,27 @@ def begin(
 
 def better(new: AngleTrack, old: AngleTrack, recent: Sequence[Scan], sensors: AngleSensors) -> bool:
     """Whether a new track explains the last quarter of the scans clearly better than the old."""
-    window = _window(recent[-max(len(recent) // 4, LEAST_SCANS) :], sensors)
-    costs = [
+    last = recent[-max(len(recent) // 4, LEAST_SCANS) :]
+    costs = _costs(new, old, last, sensors)
+    return costs[0] < _CLEARLY * costs[1]
+
+
+def refuted(
+    old: AngleTrack, new: AngleTrack, recent: Sequence[Scan], sensors: AngleSensors
+) -> bool:
+    """Whether a track that began on few scans explains all of them worse than one of now."""
+    costs = _costs(new, old, recent, sensors)
+    return costs[0] + _REFUTES < costs[1]
+
+
+def _costs(
+    new: AngleTrack, old: AngleTrack, scans: Sequence[Scan], sensors: AngleSensors
+) -> list[float]:
+    window = _window(scans, sensors)
+    return [
         angle_start.misfit(window, track.whole.mean[int(track.weights.argmax())])
         for track in (new, old)
     ]
-    return costs[0] < _CLEARLY * costs[1]
 
 
 def _replayed(

@@ -15,7 +15,7 @@ import numpy as np
 
 from trackfield.errors import InputError
 from trackfield.filtering.angle_archive import packed, unpacked
-from trackfield.filtering.angle_begin import LEAST_SCANS, begin, better
+from trackfield.filtering.angle_begin import LEAST_SCANS, begin, better, refuted
 from trackfield.filtering.angle_hypotheses import shown, smoothed, thinned, weight_of
 from trackfield.filtering.angle_readings import (
     AngleSensors,
@@ -63,8 +63,11 @@ class AngleFilter:
         if self._settings.silence:
             state = state._replace(alive=self._heard(state, scan))
         if state.track is not None:
-            state = self._updated(state, state.track, scan)
+            before = state.track
+            state = self._updated(state, before, scan)
             if state.track is not None and not _lost(state.track):
+                if state.track.confirmed and not before.confirmed:
+                    state = state._replace(track=self._proved(state, state.track))
                 return state._replace(waited=0)
         if state.waited < max(1, len(state.recent) // 3):
             return state
@@ -129,6 +132,13 @@ class AngleFilter:
         if scan.sensor.size and not (scan.sensor.min() >= 0 and scan.sensor.max() < known):
             raise InputError(f"found sensors {scan.sensor.tolist()}, expected 0 to {known - 1}")
         require_readings(chosen(self._sensors, scan.sensor, scan.sigma), scan.value)
+
+    def _proved(self, state: AngleState, track: AngleTrack) -> AngleTrack:
+        """Give a track that is about to be shown, or what all scans say in its place."""
+        new = begin(state.recent, self._sensors, self._settings)
+        if new is None or not refuted(track, new, state.recent, self._sensors):
+            return track
+        return new
 
     def _updated(self, state: AngleState, track: AngleTrack, scan: Scan) -> AngleState:
         """Advance the track; sensors that could have spoken and did not have a say too."""
