@@ -100,16 +100,22 @@ UNKNOWN = PassBelief(0.0, (), PassVerdict.NOTHING)
 """What is believed before anything is."""
 
 
-def by_messages(messages: Sequence[SensorMessage]) -> PassBelief:
+def by_messages(
+    messages: Sequence[SensorMessage], *, doubtful: Sequence[SensorMessage] = ()
+) -> PassBelief:
     """Fuse messages of one pass; positions are told at the middle of what they say.
 
     Nothing is sure unless three sensors had the closest approach in their records: a profile that
-    is only the beginning or the end of a pass says less than its numbers pretend.
+    is only the beginning or the end of a pass says less than its numbers pretend. Those `doubtful`
+    ones among them that may be of something else make nothing sure either.
     """
     start_s = float(np.median([float(m.profile.t_max_s) for m in messages]))
     settings = _THOROUGH if len(messages) <= _FEW else None
     found = belief_of(fuse(together(messages, start_s=start_s), settings=settings), start_s)
-    if len({(m.x_m, m.y_m) for m in messages if _saw_it_pass(m)}) < LEAST_SENSORS:
+    if (
+        len({(m.x_m, m.y_m) for m in messages if _saw_it_pass(m) and m not in doubtful})
+        < LEAST_SENSORS
+    ):
         return found._replace(verdict=max(found.verdict, PassVerdict.UNCERTAIN))
     return found
 

@@ -29,6 +29,7 @@ MOST_SAMPLES = 8192  # of one sensor that are remembered
 MOST_OVER = 100  # passes that are over and still told
 _SLACK_S = 1e-6
 _ANOTHER = 100.0  # deviance of a message that is of another pass of the same target
+_AS_LOUD = 0.25  # of a message's amplitude: what another pass should have added to its samples
 _CLEAR = 12.0  # deviance of a message that may join a pass without another look at all
 
 
@@ -190,7 +191,7 @@ class PassBook:
     def _believed(self, one: LivePass) -> None:
         """Find what is believed of a pass."""
         told = [self.messages[key] for key in sorted(one.keys)]
-        belief = by_messages(told)
+        belief = by_messages(told, doubtful=self._doubtful(one, told))
         one.begin_s = min(message.first_s for message in told)
         one.end_s = max(_end_s(message) for message in told)
         if self.ears:
@@ -199,6 +200,30 @@ class PassBook:
             belief = whole if whole.by_samples else by_samples(belief, self._raw(told))
         self.started += bool(belief.modes and not one.tracks)
         self.tracks = one.believe(belief, self.now_s, tracks=self.tracks, rules=self.rules)
+
+    def _doubtful(self, one: LivePass, told: list[SensorMessage]) -> list[SensorMessage]:
+        """Messages that may be of something else; where there are samples, those tell it better."""
+        return [] if self.ears else [m for m in told if self._is_doubtful(one, m)]
+
+    def _is_doubtful(self, one: LivePass, message: SensorMessage) -> bool:
+        """Tell whether a message of a pass may be all that was left of another one.
+
+        So it is where another pass that is sure would have been about as loud at the time it tells
+        of, and nothing else is said of that in this record: a source that stopped being heard or
+        turned off, of which the sensor made what it could.
+        """
+        t_s, a_max = float(message.profile.t_max_s), float(message.profile.a_max)
+        for other in self.live:
+            if other is one or other.belief.verdict != PassVerdict.GOOD:
+                continue
+            if any(_record(self.messages[key]) == _record(message) for key in other.keys):
+                continue
+            x, y = other.belief.places(t_s)[0].tolist()
+            r = max(math.hypot(x - message.x_m, y - message.y_m), 1e-9)
+            power = float(other.belief.modes[0].theta[0])
+            if math.sqrt(power) * r**-message.model.exponent > _AS_LOUD * a_max:
+                return True
+        return False
 
     def _raw(self, told: list[SensorMessage], *, to_the_end: bool = False) -> RawPass:
         """All samples of a pass: of each sensor those of its record, or all since that began.
