@@ -160,6 +160,20 @@ def test_many_faults_of_a_survey_are_told_by_the_first_few(call, run, tmp_path):
     assert "and 4 more" in done.err
 
 
+def test_a_survey_in_which_distance_does_not_matter_is_doubted(call, run, tmp_path):
+    head, *lines = (run / "fingerprints.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines]
+    there = np.random.default_rng(1).permutation(len(cells) // 4)  # places belong to others
+    mixed = [[*a[:2], *cells[4 * there[k // 4]][2:5], *a[5:]] for k, a in enumerate(cells)]
+    odd = tmp_path / "odd.csv"
+    odd.write_text("\n".join([head, *(",".join(row) for row in mixed)]) + "\n")
+    done = call("calibrate", run / "site.toml", odd, "-o", tmp_path / "calibrated.toml")
+    assert done.code == 0
+    assert "strength hardly falls with distance" in done.err
+    fine = call("calibrate", run / "site.toml", run / "fingerprints.csv", "-o", tmp_path / "c.toml")
+    assert (fine.code, fine.err) == (0, "")
+
+
 def test_the_survey_is_not_written_over(call, run):
     inputs = run / "site.toml", run / "fingerprints.csv"
     done = call("calibrate", *inputs, "-o", run / "fingerprints.csv")

@@ -307,3 +307,12 @@ def test_rooms_that_cannot_be_told_are_refused_before_the_work(call, tmp_path):
         done = call("track", site, data, "-o", tracks, "--rooms", path)
         assert (done.code, words in done.err) == (2, True)
     assert not tracks.exists()
+
+
+def test_values_of_a_kind_that_the_site_has_not_are_not_judged_as_ranges(call, tmp_path):
+    site, data = write(tmp_path, "rssi", strengths())
+    site.write_text(site.read_text().replace("'rssi'", "'range'"))
+    done = call("check", site, data)
+    assert done.code == 1
+    assert "of kind 'range', expected 'rssi' of all" in done.out
+    assert "both in metres" not in done.out

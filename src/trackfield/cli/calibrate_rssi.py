@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from trackfield.network.site import Site
     from trackfield.sensing.rssi import RssiModel
 
+_HARDLY = 0.5  # an exponent of a quarter of the receivers below which something else is wrong
 _POOLED = {
     "power_dbm": "power at 1 m [dBm]",
     "exponent": "exponent",
@@ -97,7 +98,19 @@ def _learned(site: Site, found: CalibratedRssi) -> Learned:
 
         save(plot_rssi_calibration(found, title=title), path)
 
-    return Learned(site, numbers, _show, [], draw)
+    return Learned(site, numbers, _show, _doubts(found), draw)
+
+
+def _doubts(found: CalibratedRssi) -> list[str]:
+    """Say if strength hardly falls with distance: then places are not what they seem."""
+    exponents = sorted(row.exponent for row in found.receivers if row.fingerprints)
+    low = exponents[len(exponents) // 4]
+    if low > _HARDLY:
+        return []
+    return [
+        f"strength hardly falls with distance for many receivers (exponent {low:.2g}, usual are "
+        "1.5 to 4): are places and sensors in the same frame, and in metres?"
+    ]
 
 
 def _pooled(model: RssiModel) -> dict[str, float]:

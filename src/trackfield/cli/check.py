@@ -94,7 +94,8 @@ def _look_at_readings(site: Site, data: Path) -> Look:
     with progress("reading") as moved:
         for chunk in stream_readings(data, sensor_ids=site.sensor_ids, progress=moved):
             survey = surveyed(survey, chunk)
-    problems += [f"{data}: {problem}" for problem in data_problems(survey)]
+    if survey.family in (family, None):  # else values are in the unit of something else
+        problems += [f"{data}: {problem}" for problem in data_problems(survey)]
     if family in _UNKNOWN:
         problems += _scene_problems(site, of_signals=True)
     return Look(site, _numbers(survey), problems)
