@@ -70,18 +70,25 @@ def site_of(folder: Path, survey: Path | None) -> Site:
     return calibrate_fingerprints(site, found).site
 
 
-def tracked(site: Site, readings: Readings, *, seed: int = 0, lag_s: float = 0.0) -> Tracks:
+def tracked(
+    site: Site, readings: Readings, *, seed: int = 0, lag_s: float = 0.0, every_s: float = 0.0
+) -> Tracks:
     """Track the beacon of a run."""
-    tracker = ScanTracker(site, rssi_tracker.create(site, seed=seed), lag_s=lag_s)
+    beacon = rssi_tracker.create(site, seed=seed)
+    tracker = ScanTracker(site, beacon, lag_s=lag_s, every_s=every_s)
     return track_readings(tracker, [readings]).tracks
 
 
-def walk_scores(site: Site, folder: Path, *, seed: int = 0) -> tuple[Score, Score]:
-    """Score a recorded walk live and 5 s later."""
+def walk_scores(
+    site: Site, folder: Path, *, seed: int = 0, every_s: float = 0.0
+) -> tuple[Score, Score]:
+    """Score a recorded walk live and 5 s later, at all rows or so far apart."""
     readings = read_readings(folder / "measurements.csv", sensor_ids=site.sensor_ids)
     truth = read_truth(folder / "truth.csv")
     begin = float(readings.t_s[0]) + FROM_S
-    live, late = (tracked(site, readings, seed=seed, lag_s=lag_s) for lag_s in (0.0, 5.0))
+    live, late = (
+        tracked(site, readings, seed=seed, lag_s=lag_s, every_s=every_s) for lag_s in (0.0, 5.0)
+    )
     scores = [score(truth, select_rows(rows, rows.t_s >= begin)) for rows in (live, late)]
     return scores[0], scores[1]
 

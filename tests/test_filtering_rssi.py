@@ -248,6 +248,12 @@ def test_targets_are_taken_to_be_where_the_site_says_or_about_its_receivers():
     assert field(replace(hall(), reports=ReportSettings(region=told))).area == told
     room = Room("attic", ((0.0, 0.0), (4.0, 0.0), (4.0, 11.0)))
     assert field(replace(hall(), rooms=(room,))).area == Region(0.0, 0.0, 12.0, 11.0)
+    row = replace(hall(), positions=CORNERS[:2], sensor_ids=("A", "B"), models=(PLAIN,) * 2)
+    assert field(row).area == pytest.approx(Region(-6.0, -6.0, 18.0, 6.0))
+    long = replace(hall(), positions=CORNERS * [1.0, 0.1, 1.0])
+    assert field(long).area == pytest.approx(Region(-1.2, -3.1, 13.2, 4.1))
+    alone = replace(hall(), positions=CORNERS[:1], sensor_ids=("A",), models=(PLAIN,))
+    assert field(alone).area == pytest.approx(Region(-10.0, -10.0, 10.0, 10.0))
 
 
 def test_beside_a_line_of_receivers_a_beacon_may_be_on_either_side():
@@ -330,7 +336,7 @@ def test_shadows_and_blocks_become_usual_with_distance_and_time(lengths):
     cloud = a_cloud()._replace(moves=np.ones(50, bool))
     walk, fading = Walk(), Fading(shadow_s=10.0)
     moved, far = move(cloud, 0.7, np.random.default_rng(0), walk=walk, fading=fading)
-    assert_allclose(far, np.hypot(*(moved.position - cloud.position)[:2]))
+    assert_allclose(far, moved.moves * np.hypot(*(moved.position - cloud.position)[:2]))
     usual = UsualPaths(
         np.full((2, 50), 7.0), np.array(lengths), np.full((2, 50), 0.1), np.array([0.0, 2.0])
     )
@@ -357,8 +363,9 @@ def test_one_that_stands_only_sways():
     walk = Walk(goes_per_s=0.0, stops_per_s=1.0, sway_m=0.1)
     n = 50_000
     cloud = a_cloud(n)._replace(moves=np.zeros(n, bool))
-    moved, _ = move(cloud, 4.0, np.random.default_rng(0), walk=walk, fading=Fading())
+    moved, far = move(cloud, 4.0, np.random.default_rng(0), walk=walk, fading=Fading())
     assert not moved.moves.any()
+    assert_array_equal(far, 0.0)
     assert_array_equal(going(moved), 0.0)
     assert_allclose((moved.position - cloud.position)[:2].std(axis=1), 0.2, rtol=0.02)
 
@@ -525,14 +532,14 @@ def test_statuses_go_from_tentative_to_ended_and_then_another_track_begins(walke
 
 def test_a_beacon_that_was_carried_off_is_found_again():
     found = []
-    for seed in range(10):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
-        tracker = rssi_tracker.create(hall(SHADY), particles=500, seed=seed)
+        tracker = rssi_tracker.create(hall(SHADY), seed=seed)
         here = [scan(0.5 * k, readings((2.0, 2.0), SHADY, rng=rng)) for k in range(20)]
         there = [scan(10 + 0.5 * k, readings((11.0, 8.0), SHADY, rng=rng)) for k in range(20)]
         state = run(tracker, here + there)[-1]
         found.append(np.linalg.norm(tracker.shown(state, 19.5).position[:2] - [11.0, 8.0]))
-    assert np.mean(np.array(found) < 3.0) >= 0.8
+    assert np.mean(np.array(found) < 3.0) >= 0.7
 
 
 def test_belief_is_honest_on_walks_of_its_own_kind():

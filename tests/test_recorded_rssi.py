@@ -39,7 +39,7 @@ def site(bench: ModuleType, shared: Path) -> Site:
 def test_a_beacon_carried_among_twelve_receivers(
     bench: ModuleType, site: Site, shared: Path, walk: str, live_m: float, late_m: float
 ) -> None:
-    live, late = bench.walk_scores(site, shared / "data" / walk, seed=7)
+    live, late = bench.walk_scores(site, shared / "data" / walk, seed=7, every_s=0.5)
     assert live.rmse_m <= live_m
     assert late.rmse_m <= min(late_m, 0.9 * live.rmse_m)
     assert live.inside_95 >= 0.80

@@ -40,7 +40,7 @@ class Fading(NamedTuple):
     The power differs from the calibrated one by N(0, offset_db^2).
     """
 
-    shadow_s: float = 30.0
+    shadow_s: float = 300.0
     offset_db: float = 1.0
     offset_s: float = 100.0
 
@@ -90,10 +90,10 @@ def going(cloud: Cloud) -> Matrix:
 def move(
     cloud: Cloud, dt: float, rng: np.random.Generator, *, walk: Walk, fading: Fading
 ) -> tuple[Cloud, Vector]:
-    """Move the particles for `dt` [s]; also tell how far (N,) [m] each went in the plane.
+    """Move the particles for `dt` [s]; also tell how far (N,) [m] each walked in the plane.
 
-    The velocity's process is integrated exactly. Shadows fade by `fade`, which must know what is
-    usual in the new place.
+    The velocity's process is integrated exactly. One that stands sways, which is no way walked: its
+    shadows stay. Shadows fade by `fade`, which must know what is usual in the new place.
     """
     n = cloud.moves.size
     tau, a = walk.velocity_time_s, math.exp(-dt / walk.velocity_time_s)
@@ -122,7 +122,7 @@ def move(
     moved = cloud._replace(
         position=cloud.position + step, velocity=velocity, moves=moves, offset_db=offset
     )
-    return moved, np.hypot(step[0], step[1])
+    return moved, np.hypot(step[0], step[1]) * moves
 
 
 class UsualPaths(NamedTuple):

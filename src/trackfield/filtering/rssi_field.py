@@ -23,6 +23,8 @@ _CHANGED = 0.75  # of the fading's variance: who carries the beacon now, doors, 
 _BESIDE = 0.1  # of its width and height the area reaches beyond receivers and survey ...
 _BESIDE_LEAST_M = 1.0  # ... but this at least,
 _BESIDE_LINE = 0.5  # and beyond receivers on a line so much of its length: to either side of it
+_ALONE_M = 10.0  # beyond a receiver that is alone
+_WIDTH = 0.5  # of the area's length it is wide at least
 
 
 class ShadowTable(NamedTuple):
@@ -132,7 +134,8 @@ def _shadow(chart: RadioMap, places: Matrix) -> tuple[Matrix, Matrix]:
 def _area(site: Site) -> Region:
     """Where targets are taken to be: the region told, or about receivers, survey and rooms.
 
-    Who tells of rooms tells where targets are: then there is no margin.
+    Who tells of rooms tells where targets are: then there is no margin. Receivers in a row do not
+    say that targets keep to it: the area is half as wide as it is long, or wider.
     """
     if site.reports.region is not None:
         return site.reports.region
@@ -141,11 +144,12 @@ def _area(site: Site) -> Region:
         places.append(site.survey.position[:, :2])
     every = np.vstack(places)
     low, high = every.min(axis=0), every.max(axis=0)
-    beside = _BESIDE_LINE if len(every) < 3 or thinness(every) < FLAT else _BESIDE
-    margin = max(_BESIDE_LEAST_M, beside * float((high - low).max())) * (not site.rooms)
-    return Region(
-        float(low[0] - margin),
-        float(low[1] - margin),
-        float(high[0] + margin),
-        float(high[1] + margin),
-    )
+    if site.rooms:
+        return Region(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    length = float((high - low).max())
+    beside = _BESIDE_LINE if thinness(every) < FLAT else _BESIDE
+    margin = max(_BESIDE_LEAST_M, beside * length) if length > 0.0 else _ALONE_M
+    least = _WIDTH * (length + 2.0 * margin)
+    half = np.maximum(0.5 * (high - low) + margin, 0.5 * least)
+    x, y = 0.5 * (low + high)
+    return Region(float(x - half[0]), float(y - half[1]), float(x + half[0]), float(y + half[1]))

@@ -10,6 +10,7 @@ import numpy as np
 from trackfield.filtering.range_tracker import height_prior
 from trackfield.filtering.rssi_cloud import Cloud, Fading, UsualPaths, Walk, confined, fade, move
 from trackfield.filtering.rssi_field import RssiField, field
+from trackfield.filtering.rssi_modes import Mirror, mirror, mirrored
 from trackfield.network.site import Site, Target
 from trackfield.types import Indices, Matrix
 
@@ -21,6 +22,7 @@ class RssiPrior:
     field: RssiField
     walk: Walk
     fading: Fading
+    mirror: Mirror | None  # where receivers stand on a line, and nobody has surveyed
 
     def spread(self, rng: np.random.Generator, count: int) -> Cloud:
         """Particles anywhere in the area, which know nothing."""
@@ -63,11 +65,23 @@ class RssiPrior:
         usual = self.usual(moved.receiver, moved.position)
         return fade(moved, far, dt, usual=usual, fading=self.fading)
 
+    def on_either_side(self, cloud: Cloud, rng: np.random.Generator) -> Cloud:
+        """Cloud in which each particle is, by chance, in its own place or its mirror image's.
+
+        Without a mirror the cloud itself. So neither place is lost by chance in drawing.
+        """
+        if self.mirror is None:
+            return cloud
+        chosen = rng.random(cloud.moves.size) < 0.5
+        return mirrored(cloud, self.mirror, chosen=chosen, area=self.field.area)
+
 
 def rssi_prior(site: Site) -> RssiPrior:
     """Prior of the beacons of `site`; `ConfigurationError` if a sensor measures something else."""
     fading = Fading() if site.tracker.self_calibration else Fading(offset_db=0.0)
-    return RssiPrior(field(site), walk(site), fading)
+    found = field(site)
+    line = mirror(site.positions) if found.table is None else None
+    return RssiPrior(found, walk(site), fading, line)
 
 
 def walk(site: Site) -> Walk:

@@ -27,6 +27,7 @@ from trackfield.filtering.rssi_cloud import (
     weights,
 )
 from trackfield.filtering.rssi_evidence import PathBelief, hear, surprise
+from trackfield.filtering.rssi_modes import APART, MIRRORED_APART, parted
 from trackfield.filtering.rssi_prior import RssiPrior, rssi_prior
 from trackfield.filtering.rssi_state import RssiState
 from trackfield.filtering.scans import Scan, Shown
@@ -94,7 +95,10 @@ class RssiFilter:
         )
 
     def shown(self, state: RssiState, t_s: float) -> Shown | None:
-        """Carry the belief to `t_s`; None before the first reading."""
+        """Carry the belief to `t_s`; None before the first reading.
+
+        A track is confirmed when enough was heard, unless the beacon may as well be in two places.
+        """
         cloud = state.cloud
         if cloud is None:
             return None
@@ -183,6 +187,7 @@ class RssiFilter:
         """Particles of equal weight, and few that look whether the beacon was carried off."""
         lookers = math.ceil(_LOST * self.particles)
         drawn, parent = resampled(cloud, rng.random(), self.particles - lookers)
+        drawn = self.prior.on_either_side(drawn, rng)
         anew = self.prior.spread(rng, lookers)
         usual = self.prior.usual(cloud.receiver, anew.position)
         light = math.log(_CARRIED_OFF / (1.0 - _CARRIED_OFF) * drawn.moves.size / lookers)
@@ -202,7 +207,7 @@ class RssiFilter:
         silent = t_s - state.t_s
         if silent > self.drop_s:
             status = Status.ENDED
-        elif state.heard < _SURE:
+        elif state.heard < _SURE or self._doubtful(position, w):
             status = Status.TENTATIVE
         else:
             status = Status.COASTING if silent > _SILENT_S else Status.CONFIRMED
@@ -214,8 +219,13 @@ class RssiFilter:
         nis = state.nis if t_s == state.t_s else math.nan
         return Shown(t_s, place, m.velocity, covariance, status, nis)
 
+    def _doubtful(self, position: Matrix, w: Vector) -> bool:
+        """Tell whether the beacon may as well be in two places."""
+        apart = APART if self.prior.mirror is None else MIRRORED_APART
+        return parted(position, w, apart=apart)
 
-def create(site: Site, *, particles: int = 1000, seed: int = 0) -> RssiFilter:
+
+def create(site: Site, *, particles: int = 1500, seed: int = 0) -> RssiFilter:
     """Filter of one beacon with the site's models and survey.
 
     `ConfigurationError` if a sensor measures something else.
