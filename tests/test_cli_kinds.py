@@ -143,6 +143,14 @@ def test_late_and_repeated_readings_are_warned_of(call, tmp_path):
     ]
 
 
+def test_two_targets_without_tags_are_suspected_where_much_comes_again(call, tmp_path):
+    rows = bearings(target="")
+    site, data = write(tmp_path, "bearing", [row for row in rows for _ in range(2)])
+    done = call("track", site, data, "-o", tmp_path / "t.csv", "--json")
+    assert done.json["readings"]["duplicate"] == len(rows)
+    assert "several targets are not named by target_id" in done.json["warnings"][-1]
+
+
 def test_strengths_without_their_sign_are_suspected(call, tmp_path):
     site, data = write(tmp_path, "rssi", strengths(sign=-1.0))
     done = call("check", site, data)

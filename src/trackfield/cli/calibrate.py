@@ -147,7 +147,9 @@ def check_truth(data: Path, truth: Path | None, *, kind: CalibratedKind) -> None
     elif survey and truth is not None:
         problem = f"found fingerprints, whose places are known, expected no truth such as {truth}"
     elif truth is None and not survey:
-        problem = "found no TRUTH, expected where targets really were, or fingerprints as DATA"
+        columns = "sensor_id, x_m, y_m, mean_dbm"
+        expected = f"where targets really were, or fingerprints ({columns}) as DATA"
+        problem = f"found no TRUTH, expected {expected}"
     else:
         return
     raise ConfigurationError([f"{data}: {problem}"])

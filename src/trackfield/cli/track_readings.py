@@ -31,6 +31,7 @@ COUNTS = {
     },
     "tracks": {"started": "started", "restarted": "started again", "ended": "ended"},
 }
+_ODD_SHARE = 0.05  # of readings that come again, above which they may be of another target
 # Why readings were dropped, in which words.
 DROPPED = {
     "duplicate": "came again and were dropped",
@@ -98,6 +99,8 @@ def run_tracker(
         sink.put(tracker.finish())
         suspicion = unit_suspicion(survey)
         odd = [*([suspicion] if suspicion else []), *_dropped(site, tracker.counts)]
+        if not survey.targets and tracker.counts["duplicate"] > _ODD_SHARE * survey.timing.rows:
+            odd.append("that many come again where several targets are not named by target_id")
         if passes is not None:
             odd += trajectories.doubts(passes)
             odd += [] if sink.shown else ["no track was confirmed"]
