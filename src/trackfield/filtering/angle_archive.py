@@ -50,6 +50,7 @@ def _plain(track: AngleTrack) -> dict[str, Any]:
     return {
         **track._asdict(),
         "weights": track.weights.tolist(),
+        "evidence": track.evidence.tolist(),
         "modes": [track.modes.weights.tolist(), *_lists(track.modes.beliefs)],
         "prior": _lists(track.prior),
         "whole": _lists(track.whole),
@@ -67,6 +68,7 @@ def _track(plain: dict[str, Any]) -> AngleTrack:
         whole=Gaussian(*(np.array(column, float) for column in plain["whole"])),
         nis=float(plain["nis"]),
         misfits=tuple(plain["misfits"]),
+        evidence=np.array(plain["evidence"], float),
         confirmed=bool(plain["confirmed"]),
     )
 

@@ -32,6 +32,7 @@ def fresh(beliefs: Gaussian, *, t_s: float, modes: int) -> AngleTrack:
         whole=beliefs,
         nis=math.nan,
         misfits=(),
+        evidence=np.empty((hypotheses, 0)),
         confirmed=False,
     )
 
@@ -60,6 +61,7 @@ def thinned(track: AngleTrack) -> AngleTrack:
         ),
         prior=Gaussian(prior.mean[keep], prior.covariance[keep]),
         whole=Gaussian(whole.mean[keep], whole.covariance[keep]),
+        evidence=track.evidence[keep],
     )
 
 
@@ -90,14 +92,21 @@ def _belief(track: AngleTrack, name: int) -> Gaussian:
     return Gaussian(track.whole.mean[place], track.whole.covariance[place])
 
 
-def shown(t_s: float, weights: Vector, whole: Gaussian, *, status: Status, nis: float) -> Shown:
-    """Show the likeliest of hypotheses (H,) with moments `whole`, with the spread of all."""
-    best = int(np.argmax(weights))
-    mean = whole.mean[best]
+def together(weights: Vector, whole: Gaussian) -> Matrix:
+    """Covariance (d, d) of the place by all hypotheses, about the likeliest."""
+    mean = whole.mean[int(np.argmax(weights))]
     d = mean.size // 2
     apart = whole.mean[:, :d] - mean[:d]
     spread: Matrix = np.einsum("h,hi,hj->ij", weights, apart, apart)
-    P: Matrix = spread + np.einsum("h,hij->ij", weights, whole.covariance[:, :d, :d])
+    inside: Matrix = np.einsum("h,hij->ij", weights, whole.covariance[:, :d, :d])
+    return spread + inside
+
+
+def shown(t_s: float, weights: Vector, whole: Gaussian, *, status: Status, nis: float) -> Shown:
+    """Show the likeliest of hypotheses (H,) with moments `whole`, with the spread of all."""
+    mean = whole.mean[int(np.argmax(weights))]
+    d = mean.size // 2
+    P = together(weights, whole)
     position, velocity = np.full(3, np.nan), np.zeros(3)
     position[:d], velocity[:d] = mean[:d], mean[d:]
     return Shown(t_s, position, velocity, np.array([P[0, 0], P[0, 1], P[1, 1]]), status, nis)

@@ -13,8 +13,9 @@ from trackfield.filtering.angle_step import AngleMotions
 from trackfield.network.site import Site
 
 _STRAIGHT = 0.0003  # density of acceleration [m^2/s^3] of targets that go straight
+_BENDING = 0.012  # of those that turn gently,
 _MANOEUVRING = 0.5  # and of others
-_STAYS_S = (10.0, 2.0)  # how long each lasts
+_STAYS_S = (10.0, 5.0, 2.0)  # how long each lasts
 _FIELD_M = 10.0  # in smaller fields targets are slower too: densities fall with the square
 _CROSSING_S = 2.0  # a usual target takes so long to cross the field, or longer
 
@@ -68,4 +69,5 @@ def _motions(site: Site, size_m: float) -> AngleMotions:
     if site.target.motion == "cv":
         return AngleMotions((manoeuvring,), (1.0,))
     straight = min(small * _STRAIGHT, manoeuvring)
-    return AngleMotions((straight, manoeuvring), _STAYS_S)
+    bending = min(small * _BENDING, manoeuvring)
+    return AngleMotions((straight, bending, manoeuvring), _STAYS_S)

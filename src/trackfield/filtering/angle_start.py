@@ -3,7 +3,7 @@
 One scan of rates or scalar motion seldom fixes the state, and often has several exact answers; a
 window of scans does better. The search looks at places on a grid and headings all round, with the
 speed in closed form, refines the best by damped Gauss-Newton steps, and returns every answer that
-the readings allow, with its weight.
+the readings allow.
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ _MOST = 4  # answers that are returned
 _PLACES = {2: 21, 3: 9}  # of the grid, an axis
 _READINGS = 24  # that the grid is judged by, from the middle of the window
 _FASTEST = 3.0  # usual speeds that a candidate may have
+_NEAR = 0.05  # of the box: how far apart places along a valley are taken up,
+_ALLOWED = 12.0  # how much more than the best they may cost,
+_VALLEY = 12  # and how many, with the answers
 _DETERMINED = 0.2  # of the box: the sigma of a place that counts as fixed
 _MOVES = 25.0  # cost that a motion must spare: of a target at rest rates tell no place
 
@@ -57,13 +60,13 @@ class Search(NamedTuple):
 
 
 class AngleStart(NamedTuple):
-    """Answers of a window, the likeliest first: `weights` (k,), states (k, n), covariances.
+    """Answers of a window: states (k, n) and covariances, the likeliest first.
 
-    `determined`: the readings alone fix the state of the first, which rates of a target at rest
-    never do; `fits`: they agree with it. Where one of them is missing nothing should be started.
+    Where the likely places make a valley, more along it follow. `determined`: the readings alone
+    fix the state of the first, which rates of a target at rest never do; `fits`: they agree with
+    it. Where one of them is missing nothing should be started.
     """
 
-    weights: Vector
     beliefs: Gaussian
     determined: bool
     fits: bool
@@ -73,10 +76,11 @@ def fit(window: AngleReadings, search: Search) -> AngleStart:
     """Fit p + after_s v to all readings of a window: answers (p, v) at the time of after_s = 0.
 
     Minimises sum c^2 log(1 + e^2/c^2) of the residuals e in sigmas (c = 3) plus the weak priors.
-    Weights are Laplace's: likelihood times the square root of the covariance's determinant.
+    They are ranked by likelihood times the square root of the covariance's determinant, Laplace.
     """
     problem = _Problem(window, *_prior(search))
-    states, cost = _refined(problem, _candidates(window, search), steps=4)
+    tried = _candidates(window, search)
+    states, cost = _refined(problem, tried, steps=4)
     best = np.argsort(cost, kind="stable")[:_FINALISTS]
     states, cost = _refined(problem, states[best], steps=_STEPS)
     told, _ = _normal(problem, states)
@@ -84,12 +88,13 @@ def fit(window: AngleReadings, search: Search) -> AngleStart:
     log_weight = -0.5 * cost + 0.5 * np.linalg.slogdet(covariance)[1]
     keep = _distinct(states, covariance, log_weight)
     first = keep[0]
-    weights = np.exp(log_weight[keep] - log_weight[first])
+    beliefs = _with_valley(
+        problem, tried, answers=Gaussian(states[keep], covariance[keep]), search=search
+    )
     spare = max(window.value.size - states.shape[-1], 1)
     return AngleStart(
-        weights / weights.sum(),
-        Gaussian(states[keep], covariance[keep]),
-        determined=_determined(told[first], search) and _moves(window, states[first]),
+        beliefs,
+        determined=_determined(told[first], search) and _moves(problem, states[first], search),
         fits=bool(cost[first] < 2.0 * spare + 6.0 * math.sqrt(2.0 * spare)),
     )
 
@@ -98,14 +103,6 @@ def misfit(window: AngleReadings, state: Vector) -> float:
     """Cost of a window as `fit` counts it, without priors, for a target in `state` (n,)."""
     nothing = np.zeros(state.size)
     return float(_cost(_Problem(window, nothing, nothing), state[None])[0])
-
-
-def _moves(window: AngleReadings, state: Vector) -> bool:
-    """Whether a place follows at all: from bearings, or because the target clearly moves."""
-    if np.any(window.sensors.says == Says.BEARING):
-        return True
-    rest = np.concatenate([state[: state.size // 2], np.zeros(state.size // 2)])
-    return misfit(window, rest) > misfit(window, state) + _MOVES
 
 
 class _Problem(NamedTuple):
@@ -240,6 +237,44 @@ def _distinct(states: Matrix, covariance: Matrix, log_weight: Vector) -> list[in
         if (form(apart, np.linalg.inv(covariance[keep])) > _APART2).all():
             keep.append(i)
     return keep
+
+
+def _with_valley(
+    problem: _Problem, tried: Matrix, *, answers: Gaussian, search: Search
+) -> Gaussian:
+    """Answers, and places between and beside them that the readings allow: valleys are curved.
+
+    Each place is held near a point of the grid while the rest of its state is fitted.
+    """
+    d = search.lower.size
+    near = _NEAR * search.size_m
+    anchor = np.concatenate([np.full(d, near**-2.0), np.zeros(d)])
+    weight = problem.weight + anchor
+    mean = (problem.weight * problem.mean + anchor * tried) / weight
+    states, _ = _refined(_Problem(problem.window, mean, weight), tried, steps=4)
+    cost = _cost(problem, states)
+    limit = float(_cost(problem, answers.mean[:1])[0]) + _ALLOWED
+    taken = list(answers.mean)
+    for i in np.argsort(cost, kind="stable").tolist():
+        if cost[i] > limit or len(taken) == _VALLEY:
+            break
+        apart = np.linalg.norm(np.array(taken)[:, :d] - states[i, :d], axis=1)
+        if (apart > 1.5 * near).all():
+            taken.append(states[i])
+    if len(taken) == len(answers.mean):
+        return answers
+    places = np.array(taken)
+    told, _ = _normal(problem, places)
+    return Gaussian(places, symmetric(np.linalg.inv(told + np.diag(weight))))
+
+
+def _moves(problem: _Problem, state: Vector, search: Search) -> bool:
+    """Whether a place follows at all: because the target clearly moves, or from bearings."""
+    d = search.lower.size
+    rest = np.concatenate([state[:d], np.zeros(d)])
+    if misfit(problem.window, rest) > misfit(problem.window, state) + _MOVES:
+        return True
+    return _determined(_normal(problem, rest[None])[0][0], search)
 
 
 def _determined(told: Matrix, search: Search) -> bool:

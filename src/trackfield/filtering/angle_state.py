@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from trackfield.filtering.interacting import Modes
 from trackfield.filtering.scans import Scan
-from trackfield.types import Gaussian, Vector
+from trackfield.types import Gaussian, Matrix, Vector
 
 
 class AngleTrack(NamedTuple):
@@ -15,7 +15,8 @@ class AngleTrack(NamedTuple):
     `names` (H,) stay with a hypothesis for life, `weights` (H,) sum to 1. `whole` and `prior`
     (H, n) are the beliefs after and before that scan, modes taken together. `nis` is the squared
     innovation per reading of the likeliest hypothesis, `misfits` says of the last scans whether it
-    was large. `confirmed`: there is one answer, and it is known to a part of the field.
+    was large, `evidence` (H, k) how likely they were to each [log]. `confirmed`: there is one
+    answer, and it is known to a part of the field.
     """
 
     t_s: float
@@ -26,6 +27,7 @@ class AngleTrack(NamedTuple):
     whole: Gaussian
     nis: float
     misfits: tuple[bool, ...]
+    evidence: Matrix
     confirmed: bool
 
 

@@ -26,6 +26,7 @@ KINDS = ((0.95, 0.0), (0.04, 5.0), (0.01, 30.0))
 """Kinds of readings: share, and deviation beside the noise [sigma]. The first is the usual one."""
 STEPS, HALVINGS, TOLERANCE = 6, 4, 1e-3  # of an iterated update
 JUDGED = 8  # scans by which a track is judged lost
+WEIGHED = 16  # scans by which another answer is weighed against a track
 MISFIT = 9.0  # squared innovation per reading that counts as one
 
 _KINDS = np.array(KINDS)
@@ -90,6 +91,7 @@ def advance(
     misfits = track.misfits
     if np.isfinite(nis[best]):
         misfits = (*misfits, bool(nis[best] > MISFIT))[-JUDGED:]
+    evidence = np.column_stack([track.evidence, log_likelihood])[:, -WEIGHED:]
     advanced = AngleTrack(
         t_s=t_s,
         names=track.names,
@@ -99,6 +101,7 @@ def advance(
         whole=Gaussian(whole_mean, whole_covariance),
         nis=float(nis[best]),
         misfits=misfits,
+        evidence=evidence,
         confirmed=track.confirmed,
     )
     return Advanced(advanced, silence[best])

@@ -2,8 +2,10 @@
 
 Iterated EKF under an IMM of straight and manoeuvring motion, with readings that do not fit believed
 less. It starts from a fit of constant velocity to a window of readings. Where several answers
-explain the window (mirror images about a line of sensors; motion sensors do not tell v from -v) all
-are carried along as hypotheses until the readings choose; until then the track is tentative.
+explain the window (mirror images about a line of sensors; places along a valley; motion sensors do
+not tell v from -v) all are carried along as hypotheses until the readings choose; until then the
+track is tentative. Now and then other answers are looked for again. What rest explains too starts
+nothing.
 """
 
 from __future__ import annotations
@@ -16,13 +18,15 @@ import numpy as np
 from trackfield.errors import InputError
 from trackfield.filtering.angle_archive import packed, unpacked
 from trackfield.filtering.angle_begin import LEAST_SCANS, begin, better, refuted
-from trackfield.filtering.angle_hypotheses import shown, smoothed, thinned, weight_of
+from trackfield.filtering.angle_hypotheses import shown, smoothed, thinned, together, weight_of
 from trackfield.filtering.angle_readings import (
     AngleSensors,
     chosen,
     of_site,
     require_readings,
 )
+from trackfield.filtering.angle_rest import rests
+from trackfield.filtering.angle_rivals import joined
 from trackfield.filtering.angle_settings import AngleSettings, settings
 from trackfield.filtering.angle_state import AngleState, AngleTrack
 from trackfield.filtering.angle_step import JUDGED, HeardAngles, advance, spoken
@@ -68,7 +72,7 @@ class AngleFilter:
             if state.track is not None and not _lost(state.track):
                 if state.track.confirmed and not before.confirmed:
                     state = state._replace(track=self._proved(state, state.track))
-                return state._replace(waited=0)
+                return self._compared(state, state.track)
         if state.waited < max(1, len(state.recent) // 3):
             return state
         state = state._replace(waited=0)
@@ -112,7 +116,8 @@ class AngleFilter:
         beliefs = [smoothed([t for t in tracks if name in t.names], name) for name in track.names]
         mean = np.array([belief.mean for belief in beliefs])
         covariance = np.array([belief.covariance for belief in beliefs])
-        status = Status.CONFIRMED if now.confirmed else Status.TENTATIVE
+        known = now.names[int(now.weights.argmax())] in track.names
+        status = Status.CONFIRMED if now.confirmed and known else Status.TENTATIVE
         whole = Gaussian(mean, covariance)
         return shown(track.t_s, weights / weights.sum(), whole, status=status, nis=track.nis)
 
@@ -146,7 +151,7 @@ class AngleFilter:
             sensors = chosen(self._sensors, scan.sensor, scan.sigma)
             heard = spoken(sensors, scan.value)
             advanced = advance(track, heard, t_s=scan.t_s, motions=self._settings.motions)
-            return state._replace(track=_settled(thinned(advanced.track), self._settings))
+            return state._replace(track=self._judged(state, advanced.track))
         alive = np.array(state.alive)
         alive[scan.sensor] = 0.0
         silent = np.flatnonzero((self._sensors.threshold > 0.0) & (alive > _BROKEN))
@@ -164,8 +169,25 @@ class AngleFilter:
         chance = advanced.silence[scan.value.size :] * alive[silent]
         alive[silent] = chance / (chance + 1.0 - alive[silent])
         alive[scan.sensor] = _WORKS
-        track = _settled(thinned(advanced.track), self._settings)
+        track = self._judged(state, advanced.track)
         return state._replace(track=track, alive=tuple(alive.tolist()))
+
+    def _judged(self, state: AngleState, after: AngleTrack) -> AngleTrack:
+        """Thin a track and settle whether it is confirmed: not while motion sensors see rest."""
+        if rests(state.recent, self._sensors):
+            return thinned(after)._replace(confirmed=False, misfits=())
+        return _settled(thinned(after), self._settings)
+
+    def _compared(self, state: AngleState, track: AngleTrack) -> AngleState:
+        """Look, now and then, for other answers to the last scans."""
+        every = _KEPT_SCANS if track.confirmed else max(1, len(state.recent) // 3)
+        if state.waited < every:
+            return state
+        new = begin(state.recent, self._sensors, self._settings)
+        if new is None:
+            return state._replace(waited=0)
+        both = thinned(joined(track, new))
+        return state._replace(waited=0, track=_settled(both, self._settings))
 
     def _heard(self, state: AngleState, scan: Scan) -> tuple[float, ...]:
         """Chances that sensors work, before the silence of this scan: those that speak do."""
@@ -197,9 +219,8 @@ def _lost(track: AngleTrack) -> bool:
 
 def _settled(track: AngleTrack, settings: AngleSettings) -> AngleTrack:
     """Tell whether the track may be shown: one answer, within a part of the field."""
-    best, d = int(track.weights.argmax()), settings.dimensions
-    P = track.whole.covariance[best, :d, :d]
+    P = together(track.weights, track.whole)
     sigma = math.sqrt(max(float(np.linalg.eigvalsh(P)[-1]), 0.0))
     limit = (_LOOSE if track.confirmed else _TIGHT) * settings.search.size_m
-    sure = track.weights[best] >= _SURE and len(track.misfits) >= _PROVED
+    sure = track.weights.max() >= _SURE and len(track.misfits) >= _PROVED
     return track._replace(confirmed=bool(sure and sigma <= limit))

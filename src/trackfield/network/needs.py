@@ -12,6 +12,7 @@ from trackfield.sensing.energy_message import EnergyMessageModel
 
 _UNTOLD = AmplitudeModel().sigma
 _ALONE = "a single one tells no place"
+_FOREVER = "a path and its mirror image about the line look the same for ever"
 _MIRRORED: dict[Family, str] = {  # what a line of sensors does not tell
     "angle": "a target and its mirror image about the line, going back, look the same for a while",
     "rssi": "a beacon and its mirror image about the line sound the same",
@@ -82,7 +83,8 @@ def _of_angles(found: str, count: int, kinds: set[str], *, flat: bool) -> Needs:
         return Needs((f"{found}, expected {expected}",))
     remarks = ()
     if "bearing" not in kinds and flat:
-        remarks = (f"{found}, all on one line: {_MIRRORED['angle']}",)
+        same = _FOREVER if kinds == {"motion"} else _MIRRORED["angle"]
+        remarks = (f"{found}, all on one line: {same}",)
     if kinds == {"motion"} and count < 5:
         return Needs(
             remarks=(
