@@ -90,7 +90,8 @@ def _of_angles(found: str, count: int, kinds: set[str], *, flat: bool) -> Needs:
             remarks=(
                 *remarks,
                 f"{found}, which leave several answers at first: motion sensors do not tell which "
-                "way a target goes, and fewer than 5 not where it is until it has moved on",
+                "way a target goes, and fewer than 5 not where it is until it has moved on "
+                "straight: one that turns may be told in a wrong place",
             )
         )
     return Needs(remarks=remarks)
