@@ -20,6 +20,7 @@ from trackfield.pipeline.scheduled import reach_of, scheduler_of
 from trackfield.scheduling.scheduler_state import sighted_rows
 from trackfield.sensing.bearing import BearingModel
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.types import Commands, Mode, Status, join_rows, select_rows
 
 
@@ -166,6 +167,7 @@ def test_a_site_says_what_its_scheduler_is():
     assert line.region == (-3.0, -3.0, 7.0, 5.0)
     assert reach_of(DetectionModel(radius_m=3.0, edge_m=1.0)) == 3.5
     assert reach_of(BearingModel()) == math.inf
+    assert reach_of(EnergyMessageModel()) == math.inf
     with pytest.raises(ConfigurationError, match="no sensors that could be scheduled"):
         scheduler_of(Site("empty", (), np.zeros((0, 3)), ()))
 

@@ -70,9 +70,10 @@ class AngleFilter:
             before = state.track
             state = self._updated(state, before, scan)
             if state.track is not None and not _lost(state.track):
-                if state.track.confirmed and not before.confirmed:
-                    state = state._replace(track=self._proved(state, state.track))
-                return self._compared(state, state.track)
+                track = state.track
+                if track.confirmed and not before.confirmed:
+                    track = self._proved(state, track)
+                return self._compared(state._replace(track=track), track)
         if state.waited < max(1, len(state.recent) // 3):
             return state
         state = state._replace(waited=0)

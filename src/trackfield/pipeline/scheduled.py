@@ -19,6 +19,7 @@ from trackfield.scheduling.serving import Sensors, sensors_of
 from trackfield.scheduling.watch import Watch, watch_border
 from trackfield.sensing import detection
 from trackfield.sensing.detection import DetectionModel
+from trackfield.sensing.energy_message import EnergyMessageModel
 from trackfield.sensing.range import RangeModel
 
 _SHIFTS = 30  # of the border's watch, at most
@@ -62,7 +63,7 @@ def reach_of(model: SensorModel) -> float:
     """How far a sensor senses [m]; infinite where its model knows no limit."""
     if isinstance(model, DetectionModel):
         return float(detection.reach(model)[0])
-    return model.max_range_m
+    return math.inf if isinstance(model, EnergyMessageModel) else model.max_range_m
 
 
 def _around(sensors: Sensors) -> Region:
