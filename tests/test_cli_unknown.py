@@ -334,7 +334,7 @@ def test_calibrate_learns_binary_sensors(call, tmp_path):
     assert found["pooled"]["p_false"] == pytest.approx(0.05, abs=0.02)
     done = call("calibrate", *inputs, "-o", tmp_path / "c.toml", "--method", "weighted")
     assert done.code == 2
-    assert "which are for ranges" in done.err
+    assert "which is for ranges" in done.err
     by_python = trackfield.calibrate(inputs[0], *inputs[1:])
     assert by_python.site.models[40].radius_m == pytest.approx(learned[40].radius_m)
 

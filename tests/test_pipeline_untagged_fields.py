@@ -183,7 +183,10 @@ def test_a_rewound_state_is_bytes_and_comes_back():
         ({"kind": "range"}, "reading 1: found kind 'range', expected 'signal' as before"),
         ({"value": np.nan}, "reading 1: found value nan, expected a finite number"),
         ({"sensor_id": "s999"}, "reading 1: found sensor 's999', expected one of the site"),
-        ({"target": "tag"}, "reading 1: found target 'tag', expected none: only ranges are"),
+        (
+            {"target": "tag"},
+            "reading 1: found target 'tag', expected none: signals are tracked as of unknown",
+        ),
     ],
 )
 def test_readings_that_are_something_else_are_refused(change, said):
