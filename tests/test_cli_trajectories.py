@@ -165,10 +165,10 @@ SAMPLE = "0,s0,amplitude,0.5\n"
             "expected 0, or a whole number",
         ),
         ("energy_message", ["40,s9,energy_message,0\n"], RECORD, "expected a sensor of the site"),
-        ("energy_message", [GOOD[0]], RECORD, "found 1 sensors (s0), expected at least 2"),
+        ("energy_message", [GOOD[0]], RECORD, "found 1 sensors (s0), expected at least 3"),
         ("energy_message", [*GOOD[:2], "40,s2,amplitude,1\n"], RECORD, "expected one kind"),
         ("energy_message", GOOD, "bits = 18\n", "a whole number from 2 to 17"),
-        ("amplitude", [SAMPLE], "", "found 1 sensors (s0), expected at least 2"),
+        ("amplitude", [SAMPLE], "", "found 1 sensors (s0), expected at least 3"),
         ("amplitude", [SAMPLE, "0,s1,amplitude,nan\n"], "", "expected a finite number"),
         (
             "amplitude",

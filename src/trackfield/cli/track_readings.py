@@ -103,7 +103,8 @@ def run_tracker(
             odd.append("that many come again where several targets are not named by target_id")
         if passes is not None:
             odd += trajectories.doubts(passes)
-            odd += [] if sink.shown else ["no track was confirmed"]
+            silent = tracker.counts["started"] > 0 and not sink.shown
+            odd += ["no track was confirmed"] if silent else []
         warnings = [f"{data}: {one}" for one in odd]
         for warning in warnings:
             warn(warning)

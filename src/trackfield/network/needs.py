@@ -53,6 +53,8 @@ def needs(site: Site, sensors: tuple[str, ...] | None = None) -> Needs:
         return _of_angles(found, len(own), kinds, flat=flat)
     if family not in _MIRRORED:
         return Needs()
+    if family != "rssi" and len(own) < 3:
+        return Needs((f"{found}, expected at least 3, not in a line: fewer tell no trajectory",))
     if len(own) < 2:
         return Needs((f"{found}, expected at least 2, and better 3: {_ALONE}",))
     remarks = _of_noise(site)
